@@ -1,0 +1,1 @@
+"""Mary: text in, a live photoreal talking head out."""

@@ -1,0 +1,182 @@
+"""`config.yaml` as typed settings; environment variables (`MARY_SECTION__KEY`) override it, unknown keys are errors."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any, Literal
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic_settings import BaseSettings, PydanticBaseSettingsSource, SettingsConfigDict, SettingsError
+
+from app.errors import ConfigError
+
+ENVIRONMENT_PREFIX = "MARY_"
+
+INSTALLED = Path(__file__).resolve().parent.parent / "config.yaml"
+"""The settings of the repository that the package is installed from."""
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class ServerSettings(_Section):
+    host: str = "0.0.0.0"
+    port: int = Field(default=8080, ge=0, le=65535)
+    shutdown_seconds: float = Field(default=2.0, gt=0)
+
+
+class AvatarSettings(_Section):
+    folder: Path = Path("avatars")
+    default: str = "mary"
+
+
+class SpeechSettings(_Section):
+    engine: str = "hibari"
+    voice: str = ""
+    seconds: float = Field(default=10.0, gt=0)
+
+
+class EngineSettings(_Section):
+    renderer: Literal["fast", "reference"] = "fast"
+    workers: int = Field(default=0, ge=0, le=256)
+    look_ahead: float = Field(default=0.4, gt=0, le=5)
+    encode_ahead: float = Field(default=0.08, ge=0, le=1)
+
+
+class StreamSettings(_Section):
+    preset: str = "superfast"
+    crf: float = Field(default=21, ge=0, le=51)
+    max_kbps: int = Field(default=2500, gt=0)
+    keyframe_seconds: float = Field(default=2.0, gt=0)
+    start_seconds: float = Field(default=10.0, gt=0)
+    idle_seconds: float = Field(default=60.0, gt=0)
+    keep_seconds: float = Field(default=600.0, ge=0)
+    max_streams: int = Field(default=32, gt=0)
+    queue_seconds: float = Field(default=4.0, gt=0)
+
+
+class IceServer(_Section):
+    urls: str
+    username: str | None = None
+    credential: str | None = None
+
+
+class WebrtcSettings(_Section):
+    addresses: list[str] = []
+    loopback: bool = True
+    ice_servers: list[IceServer] = []
+
+
+class RenderSettings(_Section):
+    preset: str = "medium"
+    crf: float = Field(default=16, ge=0, le=51)
+
+
+class LimitSettings(_Section):
+    text: int = Field(default=10_000, gt=0)
+    sdp: int = Field(default=65_536, gt=0)
+
+
+class Settings(BaseSettings):
+    """All settings, validated and frozen. `load` is the way to get one."""
+
+    model_config = SettingsConfigDict(
+        env_prefix=ENVIRONMENT_PREFIX, env_nested_delimiter="__", extra="forbid", frozen=True
+    )
+
+    server: ServerSettings = ServerSettings()
+    avatars: AvatarSettings = AvatarSettings()
+    speech: SpeechSettings = SpeechSettings()
+    engine: EngineSettings = EngineSettings()
+    stream: StreamSettings = StreamSettings()
+    webrtc: WebrtcSettings = WebrtcSettings()
+    render: RenderSettings = RenderSettings()
+    limits: LimitSettings = LimitSettings()
+
+    @classmethod
+    def settings_customise_sources(
+        cls,
+        settings_cls: type[BaseSettings],  # noqa: ARG003
+        init_settings: PydanticBaseSettingsSource,
+        env_settings: PydanticBaseSettingsSource,
+        dotenv_settings: PydanticBaseSettingsSource,  # noqa: ARG003
+        file_secret_settings: PydanticBaseSettingsSource,  # noqa: ARG003
+    ) -> tuple[PydanticBaseSettingsSource, ...]:
+        return (env_settings, init_settings)  # the environment wins over the file
+
+
+def load(path: Path | None = None) -> Settings:
+    """Read settings from a file and the environment.
+
+    Args:
+        path: the file; None: `config.yaml` here, else the repository's own, else the defaults alone. Paths in it are
+            relative to it.
+
+    Raises:
+        ConfigError: the file is missing or no YAML mapping, a key is unknown or a value is wrong.
+    """
+    source = path or next((file for file in (Path("config.yaml"), INSTALLED) if file.exists()), None)
+    values = _read(source) if source else {}
+    _refuse_unknown_variables(Settings)
+    try:
+        settings = Settings(**values)
+    except ValidationError as error:
+        raise _explained(error, source) from error
+    except SettingsError as error:
+        names = ", ".join(name for name in os.environ if name.startswith(ENVIRONMENT_PREFIX))
+        raise ConfigError(
+            f"one of {names} is not valid JSON: {error.__cause__}",
+            advice="Lists and whole sections in variables are written as JSON.",
+        ) from error
+    folder = settings.avatars.folder
+    if source is None or folder.is_absolute() or f"{ENVIRONMENT_PREFIX}AVATARS__FOLDER" in map(str.upper, os.environ):
+        return settings
+    return settings.model_copy(
+        update={"avatars": settings.avatars.model_copy(update={"folder": source.parent / folder})}
+    )
+
+
+def _read(source: Path) -> dict[str, Any]:
+    try:
+        values = yaml.safe_load(source.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ConfigError(f"{source} cannot be read: {error.strerror}", advice="Name a readable file.") from error
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{source} is not valid YAML: {error}") from error
+    if values is None:
+        return {}
+    if not isinstance(values, dict):
+        raise ConfigError(f"{source} must hold sections with keys, not {type(values).__name__}")
+    return {str(key): value for key, value in values.items()}
+
+
+def _explained(error: ValidationError, source: Path | None) -> ConfigError:
+    first = error.errors()[0]
+    key = ".".join(str(part) for part in first["loc"])
+    variable = ENVIRONMENT_PREFIX + "__".join(str(part) for part in first["loc"][:2]).upper()
+    place = variable if variable in os.environ else str(source or "settings")
+    unknown = first["type"] == "extra_forbidden"
+    value = "" if unknown else f" (got {first['input']!r})"
+    message = "unknown key" if unknown else first["msg"]
+    return ConfigError(
+        f"{place}: {key}: {message}{value}",
+        field=key,
+        advice=f"Correct {place}." if place == variable else f"Correct {key} in {place} or set {variable}.",
+    )
+
+
+def _refuse_unknown_variables(settings: type[BaseSettings]) -> None:
+    for name in os.environ:
+        if not name.startswith(ENVIRONMENT_PREFIX):
+            continue
+        section, _, key = name[len(ENVIRONMENT_PREFIX) :].lower().partition("__")
+        field = settings.model_fields.get(section)
+        model = field.annotation if field else None
+        keys = model.model_fields if isinstance(model, type) and issubclass(model, BaseModel) else {}
+        if field is None or (key and key.split("__")[0] not in keys):
+            raise ConfigError(
+                f"unknown environment variable {name}", field=name, advice="See config.yaml for the keys."
+            )

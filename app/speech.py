@@ -1,0 +1,65 @@
+"""The one timeline that every part of the house shares: phones, words, and the sound they belong to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+SILENCE = "SIL"
+
+PHONES: tuple[str, ...] = (
+    "AA", "AE", "AH", "AO", "AW", "AY", "B", "CH", "D", "DH", "EH", "ER", "EY", "F", "G", "HH",
+    "IH", "IY", "JH", "K", "L", "M", "N", "NG", "OW", "OY", "P", "R", "S", "SH", "T", "TH", "UH",
+    "UW", "V", "W", "Y", "Z", "ZH", SILENCE,
+)  # fmt: skip
+"""ARPAbet without stress, plus silence: the phone set used everywhere inside."""
+
+
+@dataclass(frozen=True, slots=True)
+class Phone:
+    """One phone and when it sounds.
+
+    Attributes:
+        symbol: ARPAbet without stress, or ``SIL``.
+        start: seconds from the first sample of the speech it belongs to.
+        end: seconds; the next phone starts here.
+    """
+
+    symbol: str
+    start: float
+    end: float
+
+
+@dataclass(frozen=True, slots=True)
+class Word:
+    """One written word and when it sounds (seconds, as in `Phone`)."""
+
+    text: str
+    start: float
+    end: float
+
+
+@dataclass(frozen=True, slots=True)
+class Speech:
+    """Sound with its phones and words.
+
+    Attributes:
+        samples: mono waveform, float32 in [-1, 1], shape (n,).
+        rate: samples a second.
+        phones: gapless, from 0 to the end of the samples, silences included.
+        words: in order of time; gaps are allowed.
+        unread: pieces of the text that the engine could not read and left out.
+    """
+
+    samples: NDArray[np.float32]
+    rate: int
+    phones: tuple[Phone, ...]
+    words: tuple[Word, ...] = ()
+    unread: tuple[str, ...] = ()
+
+    @property
+    def duration(self) -> float:
+        """Length of the sound in seconds."""
+        return len(self.samples) / self.rate
