@@ -1,0 +1,1 @@
+"""From sound to phones: phone sets and where phones begin and end."""

@@ -1,0 +1,1 @@
+"""From text to speech with phone times: one file an engine, one registry."""

@@ -1,0 +1,94 @@
+"""What a speech engine is: the protocol, its voices, and how a voice is chosen."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
+
+from app.errors import NotFound
+from app.speech import Speech
+
+
+@dataclass(frozen=True, slots=True)
+class Voice:
+    """One voice of an engine.
+
+    Attributes:
+        id: what callers name it by; unique within its engine.
+        name: for people.
+        language: BCP 47, e.g. ``en-US``.
+        sex: ``female``, ``male`` or ``""``.
+        rate: samples a second of its sound.
+        licence: SPDX identifier of the voice's licence.
+        engine: name of the engine.
+        installed: whether it can speak now.
+        missing: what to install if it cannot, otherwise ``""``.
+    """
+
+    id: str
+    name: str
+    language: str
+    sex: str
+    rate: int
+    licence: str
+    engine: str
+    installed: bool = True
+    missing: str = ""
+
+
+@runtime_checkable
+class SpeechEngine(Protocol):
+    """Turns text into sound with phones. Everything here blocks; `speak` may be called from several threads at once."""
+
+    name: str
+
+    def voices(self) -> tuple[Voice, ...]:
+        """All voices, the default first. Must be quick: it is asked before `warm_up`."""
+        ...
+
+    def warm_up(self) -> None:
+        """Load what speaking needs. May be called again; then it does nothing."""
+        ...
+
+    def speak(self, text: str, *, voice: str, speed: float = 1.0) -> Speech:
+        """Speak one sentence or clause.
+
+        Args:
+            text: cleaned text (`app.tts.text.clean`), one to a few hundred characters.
+            voice: a voice's id; empty means the default voice.
+            speed: 1 is the voice's own pace, 2 is twice as fast.
+
+        Raises:
+            NothingToSay: the text makes no sound.
+            NotFound: no such voice.
+            MissingExtra: the voice exists but is not installed.
+            SpeechFailed: the engine failed.
+        """
+        ...
+
+
+def choose_voice(engine: SpeechEngine, requested: str = "", preferred: str = "") -> Voice:
+    """The voice to speak with.
+
+    Args:
+        engine: whose voices.
+        requested: what the caller asked for; must exist. Empty: nothing asked for.
+        preferred: used if the engine has it installed (an avatar's default voice, which another engine may not know);
+            otherwise the engine's first installed voice.
+
+    Raises:
+        NotFound: `requested` is unknown, or the engine has no voice at all.
+    """
+    voices = engine.voices()
+    if requested:
+        for voice in voices:
+            if voice.id == requested:
+                return voice
+        known = ", ".join(voice.id for voice in voices)
+        raise NotFound(
+            f"speech engine {engine.name} has no voice {requested!r}", field="voice", advice=f"It has: {known}."
+        )
+    usable = [voice for voice in voices if voice.installed] or list(voices)
+    if not usable:
+        raise NotFound(f"speech engine {engine.name} has no voices", field="voice")
+    return next((voice for voice in usable if voice.id == preferred), usable[0])

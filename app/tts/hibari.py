@@ -1,0 +1,383 @@
+"""Hibari: a small neural voice whose model and letter-to-sound come in its wheel; the default engine.
+
+Chosen because it needs nothing but onnxruntime, works offline, speaks a sentence in a few hundredths of a second on one
+core, and holds the duration of every letter inside its graph, from which the phone times are read. The package is
+young, so what is used of its insides is checked: exactly one tensor of durations, one duration a letter.
+"""
+
+from __future__ import annotations
+
+import difflib
+import json
+import re
+import threading
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import hibari
+import numpy as np
+import onnxruntime
+from hibari import dsp
+from hibari import voices as catalogue
+from hibari.g2p import G2P
+from hibari.g2p.normalize import normalize
+from numpy.typing import NDArray
+
+from app.align.boundaries import activity, settle
+from app.align.phoneset import Sound, Unit, merge
+from app.errors import MissingExtra, NotFound, NothingToSay, SpeechFailed
+from app.speech import SILENCE, Phone, Speech, Word
+from app.tts.engine import Voice
+from app.tts.onnx_output import expose, outputs_of
+from app.tts.text import LONGEST_PIECE, fold, split
+
+RATE = 24_000  # samples a second
+SEED = 0  # of the noise in the voice: the same text always makes the same samples
+LAG = 0.047  # 47 ms: the network's durations trail the sound by this (median against a forced aligner)
+LEAD = 0.060  # 60 ms of silence before the first phone
+TAIL = 0.060  # 60 ms after the last
+FADE = 0.005  # 5 ms, where the model's own silence is cut
+EDGE_REACH = 0.040  # 40 ms: how far outside the first and last phone sound still belongs to them
+MOST_SYMBOLS = 400  # in one run of the model; it was trained on single sentences
+_LONG_NUMBER = re.compile(r"\d(?:[,.]?\d){15,}")  # read digit by digit: number words end somewhere
+
+
+@dataclass(frozen=True, slots=True)
+class _Written:
+    """One letter of the phoneme string and the number of the spoken word it belongs to (-1: a space or a stop)."""
+
+    symbol: str
+    word: int
+
+
+@dataclass(frozen=True, slots=True)
+class _Reading:
+    """How a text is said: the phoneme letters, and the written words with the spoken words that say them."""
+
+    letters: tuple[_Written, ...]
+    words: tuple[tuple[str, range], ...]
+    spoken: int
+    unread: tuple[str, ...] = ()
+
+
+class HibariEngine:
+    """See `app.tts.engine.SpeechEngine`. Voices beyond the wheel's are used if their file is there, never fetched."""
+
+    name = "hibari"
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._models: dict[str, _Model] = {}
+        self._readers: dict[bool, _Reader] = {}
+
+    def voices(self) -> tuple[Voice, ...]:
+        listed = sorted(catalogue.VOICES.items(), key=lambda item: item[0] != catalogue.DEFAULT)
+        return tuple(
+            Voice(
+                id=key,
+                name=key.capitalize(),
+                language=about["language"],
+                sex=about["gender"],
+                rate=RATE,
+                licence="Apache-2.0",
+                engine=self.name,
+                installed=(found := _model_path(key)) is not None,
+                missing="" if found else f"voice file {about['file']}",
+            )
+            for key, about in listed
+        )
+
+    def warm_up(self) -> None:
+        """Load the default voice and run everything once: the first run of a model is slow."""
+        with self._lock:
+            if catalogue.DEFAULT in self._models:
+                return
+        self.speak("Hello, I am qwyx, and it is 10:30.", voice=catalogue.DEFAULT)
+
+    def speak(self, text: str, *, voice: str = "", speed: float = 1.0) -> Speech:
+        model, reader = self._loaded(voice or catalogue.DEFAULT)
+        pieces = [text] if len(text) <= LONGEST_PIECE else [clause.text for clause in split(text)]
+        noise = np.random.default_rng(SEED)
+        takes: list[_Take] = []
+        written: list[tuple[str, range]] = []
+        unread: list[str] = []
+        count = 0  # of spoken words
+        for piece in pieces:
+            reading = reader.read(piece)
+            unread += reading.unread
+            written += [(word, range(span.start + count, span.stop + count)) for word, span in reading.words]
+            for letters in _runs([letter for letter in reading.letters if model.knows(letter.symbol)]):
+                take = _trimmed(model.run(letters, speed, noise, count))
+                if take is not None:
+                    takes.append(take)
+            count += reading.spoken
+        if not takes:
+            raise NothingToSay("the text has nothing to say", field="text")
+        samples, sounds = _joined(takes)
+        phones = tuple(Phone(sound.symbol, sound.start, sound.end) for sound in sounds)
+        return Speech(samples, RATE, phones, _words(sounds, written), tuple(dict.fromkeys(unread)))
+
+    def _loaded(self, voice: str) -> tuple[_Model, _Reader]:
+        with self._lock:
+            if voice not in self._models:
+                self._models[voice] = _Model(self._installed(voice))
+            british = bool(catalogue.VOICES[voice]["british"])
+            if british not in self._readers:
+                self._readers[british] = _Reader(british)
+            return self._models[voice], self._readers[british]
+
+    def _installed(self, voice: str) -> Path:
+        if voice not in catalogue.VOICES:
+            known = ", ".join(known.id for known in self.voices())
+            raise NotFound(f"speech engine hibari has no voice {voice!r}", field="voice", advice=f"It has: {known}.")
+        path = _model_path(voice)
+        if path is None:
+            raise MissingExtra(
+                f"hibari's voice {voice} is not installed",
+                advice=f"Run once, online: python -c \"import hibari; hibari.Hibari(voice='{voice}')\"",
+                field="voice",
+            )
+        return path
+
+
+def _model_path(voice: str) -> Path | None:
+    try:
+        return Path(catalogue.voice_path(voice, download_missing=False))
+    except FileNotFoundError:
+        return None
+
+
+# --- text to phoneme letters ------------------------------------------------------------------------------------------
+
+
+class _Reader:
+    """Hibari's letter-to-sound, keeping track of which written word each phoneme letter comes from."""
+
+    def __init__(self, british: bool) -> None:
+        self._g2p: Any = G2P(british=british)
+        self._lock = (
+            threading.Lock()
+        )  # nothing promises that it may be used from several threads; it takes a millisecond
+
+    def read(self, text: str) -> _Reading:
+        words = text.split()
+        prepared = [_LONG_NUMBER.sub(_digit_by_digit, fold(word)) for word in words]
+        with self._lock:
+            try:
+                spoken = self._spoken(normalize(" ".join(prepared)))
+                unread: tuple[str, ...] = ()
+            except Exception:  # one odd word must not silence the sentence: leave out those that fail alone
+                readable = [self._reads(word) for word in prepared]
+                unread = tuple(word for word, good in zip(words, readable, strict=True) if not good)
+                words = [word for word, good in zip(words, readable, strict=True) if good]
+                prepared = [word for word, good in zip(prepared, readable, strict=True) if good]
+                spoken = [part for word in prepared for part in self._spoken(normalize(word))]
+        expected = [normalize(word).split() for word in prepared]
+        letters = [
+            _Written(letter, number if letter.isalpha() or letter in "ˈˌː" else -1)
+            for number, (_, phonemes) in enumerate(spoken)
+            for letter in (" " if number else "") + phonemes
+        ]
+        spans = assign([text for text, _ in spoken], expected)
+        pairs = ((word, span) for word, span in zip(words, spans, strict=True) if span)
+        return _Reading(tuple(letters), tuple(pairs), len(spoken), unread)
+
+    def _reads(self, word: str) -> bool:
+        try:
+            self._spoken(normalize(word))
+        except Exception:
+            return False
+        return True
+
+    def _spoken(self, normalized: str) -> list[tuple[str, str]]:
+        """(text, phoneme letters) of each word of a normalised text, as it is divided by its spaces."""
+        if not normalized:
+            return []
+        spoken: list[tuple[str, str]] = []
+        text = phonemes = ""
+        for token in self._g2p.phonemize_tokens(self._g2p.tokenize(normalized)):
+            text += token.text
+            phonemes += token.phonemes or ""
+            if token.whitespace:
+                spoken.append((text, phonemes))
+                text = phonemes = ""
+        return [*spoken, (text, phonemes)] if text else spoken
+
+
+def _digit_by_digit(number: re.Match[str]) -> str:
+    return " ".join(letter for letter in number[0] if letter.isdigit())
+
+
+def assign(spoken: Sequence[str], expected: Sequence[Sequence[str]]) -> list[range]:
+    """Which spoken words say each written word.
+
+    A sentence is read otherwise than its words one by one ("10:30 pm", "Jan. 5th", "$3 million"), so the two readings
+    are laid side by side: what is equal belongs together; what lies between is divided in order, one for one if the
+    numbers agree, else in proportion.
+
+    Args:
+        spoken: the words of the sentence as it is read.
+        expected: for each written word, the words it would be read as by itself.
+
+    Returns:
+        for each written word a range of spoken words, in order, not overlapping, together all of them unless no word is
+        written; a word that is not said has an empty range.
+    """
+    owners = [number for number, words in enumerate(expected) for _ in words]
+    flat = [_bare(word) for words in expected for word in words]
+    heard = [_bare(word) for word in spoken]
+    owned: list[int] = []  # the written word of each spoken word so far
+    if flat == heard:
+        owned = list(owners)
+    else:
+        matcher = difflib.SequenceMatcher(None, flat, heard, autojunk=False)
+        for tag, from_flat, to_flat, from_heard, to_heard in matcher.get_opcodes():
+            count = to_heard - from_heard
+            if tag == "equal":
+                owned += owners[from_flat:to_flat]
+            elif count and to_flat > from_flat:
+                owned += [owners[from_flat + at * (to_flat - from_flat) // count] for at in range(count)]
+            elif count and owners:  # said without being expected: it goes with the word before
+                owned += [owned[-1] if owned else owners[0]] * count
+    spans: list[range] = []
+    at = 0
+    for number in range(len(expected)):
+        start = at
+        while at < len(owned) and owned[at] == number:
+            at += 1
+        spans.append(range(start, at))
+    return spans
+
+
+def _bare(word: str) -> str:
+    return "".join(letter for letter in word.lower() if letter.isalnum())
+
+
+# --- phoneme letters to sound and times -------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class _Take:
+    """Sound, shape (n,), and gapless phones from 0 to its end."""
+
+    samples: NDArray[np.float32]
+    sounds: list[Sound]
+
+
+class _Model:
+    """One voice's network with its durations readable. `run` may be called from several threads."""
+
+    def __init__(self, path: Path) -> None:
+        model = path.read_bytes()
+        durations = outputs_of(model, "Clip")
+        if len(durations) != 1:
+            raise SpeechFailed(
+                f"speech engine hibari {hibari.__version__}: expected one tensor of durations (Clip) in {path.name}, "
+                f"found {len(durations)}; without it there are no phone times",
+                advice="Install the pinned version: pip install hibari-tts==0.2.1",
+            )
+        options = onnxruntime.SessionOptions()
+        options.intra_op_num_threads = options.inter_op_num_threads = 1
+        options.log_severity_level = 3  # errors only
+        self._session = onnxruntime.InferenceSession(
+            expose(model, durations[0]), options, providers=["CPUExecutionProvider"]
+        )
+        vocabulary = Path(hibari.__file__).parent / "assets" / "vocab.json"
+        self._numbers: dict[str, int] = json.loads(vocabulary.read_text(encoding="utf-8"))
+
+    def knows(self, letter: str) -> bool:
+        return letter in self._numbers
+
+    def run(self, letters: Sequence[_Written], speed: float, noise: np.random.Generator, count: int) -> _Take:
+        """Speak phoneme letters that the model knows; `count` is added to the numbers of their words."""
+        numbers = [0, *(self._numbers[letter.symbol] for letter in letters), 0]  # a silent letter at both ends
+        *spectrum, durations = self._session.run(
+            None, {"ids": np.array([numbers], np.int64), "speed": np.array([speed], np.float32)}
+        )
+        durations = np.asarray(durations, np.float64).reshape(-1)
+        total = float(durations.sum())
+        if len(spectrum) != 6 or len(durations) != len(numbers) or not total > 0:
+            raise SpeechFailed(
+                f"speech engine hibari: {len(durations)} durations for {len(numbers)} letters",
+                advice="Install the pinned version: pip install hibari-tts==0.2.1",
+            )
+        samples: NDArray[np.float32] = dsp.synth(*(part[0] for part in spectrum), noise)
+        ends = (np.cumsum(durations) * (len(samples) / RATE / total)).tolist()
+        units = [Unit("", 0.0, ends[0])]
+        for at, letter in enumerate(letters):
+            units.append(Unit(letter.symbol, ends[at], ends[at + 1], letter.word + count if letter.word >= 0 else -1))
+        units.append(Unit("", ends[-2], ends[-1]))
+        return _Take(samples, settle(merge(units), samples, RATE, lag=LAG))
+
+
+def _runs(letters: Sequence[_Written]) -> Iterator[Sequence[_Written]]:
+    """Cut letters at spaces into runs of at most `MOST_SYMBOLS`; runs without a sound are left out."""
+    start = 0
+    while start < len(letters):
+        end = min(start + MOST_SYMBOLS, len(letters))
+        if end < len(letters):
+            end = next((at for at in range(end, start, -1) if letters[at].symbol == " "), end)
+        if any(letter.word >= 0 for letter in letters[start:end]):
+            yield letters[start:end]
+        start = end
+
+
+def _trimmed(take: _Take) -> _Take | None:
+    """The take with the model's own silence at both ends cut to `LEAD` and `TAIL`; None if it is all silence."""
+    inner = list(take.sounds)
+    while inner and inner[0].symbol == SILENCE:
+        inner.pop(0)
+    while inner and inner[-1].symbol == SILENCE:
+        inner.pop()
+    if not inner:
+        return None
+    times, loud = activity(take.samples, RATE)
+    heard = times[loud]
+    start, end = inner[0].start, inner[-1].end
+    if len(heard):
+        start = max(min(start, float(heard[0])), start - EDGE_REACH, 0.0)
+        end = max(end, min(float(heard[-1]), end + EDGE_REACH))
+    first, last = round((start - LEAD) * RATE), round((end + TAIL) * RATE)
+    body = take.samples[max(0, first) : last].copy()
+    ramp = np.linspace(0.0, 1.0, round(FADE * RATE), dtype=np.float32)[: len(body)]
+    body[: len(ramp)] *= ramp
+    body[len(body) - len(ramp) :] *= ramp[::-1]
+    samples = np.pad(body, (max(0, -first), max(0, last - len(take.samples))))
+    samples /= max(1.0, float(np.abs(samples).max()))
+    inner[0] = replace(inner[0], start=start)
+    inner[-1] = replace(inner[-1], end=end)
+    origin = first / RATE
+    sounds = [replace(sound, start=sound.start - origin, end=sound.end - origin) for sound in inner]
+    lead, tail = Sound(SILENCE, 0.0, sounds[0].start), Sound(SILENCE, sounds[-1].end, len(samples) / RATE)
+    return _Take(samples, [lead, *sounds, tail])
+
+
+def _joined(takes: Sequence[_Take]) -> tuple[NDArray[np.float32], list[Sound]]:
+    """Takes one after the other; silences that meet become one."""
+    sounds: list[Sound] = []
+    offset = 0
+    for take in takes:
+        shift = offset / RATE
+        moved = [replace(sound, start=sound.start + shift, end=sound.end + shift) for sound in take.sounds]
+        if sounds:
+            moved[0] = replace(moved[0], start=sounds.pop().start)
+        sounds += moved
+        offset += len(take.samples)
+    return np.concatenate([take.samples for take in takes]), sounds
+
+
+def _words(sounds: Sequence[Sound], written: Sequence[tuple[str, range]]) -> tuple[Word, ...]:
+    """The written words with the times of their phones; a word without a phone is left out."""
+    times: dict[int, tuple[float, float]] = {}
+    for sound in sounds:
+        if sound.word >= 0:
+            start = times[sound.word][0] if sound.word in times else sound.start
+            times[sound.word] = (start, sound.end)
+    words: list[Word] = []
+    for text, span in written:
+        spans = [times[number] for number in span if number in times]
+        if spans:
+            words.append(Word(text, spans[0][0], spans[-1][1]))
+    return tuple(words)

@@ -1,0 +1,70 @@
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from app.errors import MissingExtra, NotFound, SpeechFailed
+from app.tts.engine import SpeechEngine
+from app.tts.narrate import narrate
+from app.tts.registry import create, names
+
+PLUGIN = """
+from app.tts.mock import MockEngine
+
+class Parrot(MockEngine):
+    name = "parrot"
+
+class Stone:
+    pass
+"""
+
+
+@pytest.fixture
+def plugin(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A package as a third party would install it."""
+    (tmp_path / "parrot_plugin.py").write_text(PLUGIN)
+    info = tmp_path / "parrot-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: parrot\nVersion: 1.0\n")
+    points = ["parrot = parrot_plugin:Parrot", "stone = parrot_plugin:Stone", "lost = no_such_library:Engine"]
+    (info / "entry_points.txt").write_text("\n".join(["[mary.tts]", *points, ""]))
+    monkeypatch.syspath_prepend(str(tmp_path))
+
+
+@pytest.mark.parametrize("name", ["hibari", "mock"])
+def test_ours(name: str) -> None:
+    engine = create(name)
+    assert isinstance(engine, SpeechEngine)
+    assert engine.name == name
+    assert engine.voices()
+
+
+def test_unknown_names_the_known() -> None:
+    with pytest.raises(NotFound, match="nobody") as caught:
+        create("nobody")
+    assert "hibari, mock" in caught.value.advice
+
+
+@pytest.mark.usefixtures("plugin")
+def test_entry_points() -> None:
+    assert names() == ("hibari", "mock", "lost", "parrot", "stone")
+    assert create("parrot").speak("hello", voice="mock").words[0].text == "hello"
+
+
+@pytest.mark.usefixtures("plugin")
+def test_bad_entry_points() -> None:
+    with pytest.raises(SpeechFailed, match="Stone"):
+        create("stone")
+    with pytest.raises(MissingExtra, match="no_such_library"):
+        create("lost")
+
+
+def test_the_engine_in_the_documentation_works() -> None:
+    page = (Path(__file__).parents[2] / "docs/speech.md").read_text("utf-8")
+    (example,) = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    made: dict[str, Any] = {}
+    exec(example, made)
+    engine = made["Hummer"]()
+    assert isinstance(engine, SpeechEngine)
+    assert [len(speech.words) for speech in narrate(engine, "Hum this. And that too!")] == [2, 3]
