@@ -1,0 +1,275 @@
+"""Avatar packs: a folder that holds everything one avatar needs. Loading checks all of it before any is used.
+
+    manifest.json   what it is, whose face, who agreed, which voice, and a checksum of every other file
+    model.npz       modes, prototypes with flows, trajectory Gaussians, pose track and mask
+    loop.mkv        the background loop and, last, the recording's rest pose; lossless
+    idle.mp4        the same loop for browsers
+    preview.jpg
+
+This is the one place where the engine touches a codec: the loop is a lossless H.264 clip, a tenth of its raw size.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import av
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from app.engine.background import Background, Box
+from app.engine.mmm import MorphableModel
+from app.engine.modes import MESH_STEP, Modes
+from app.engine.trajectory import GaussianTrajectory
+from app.errors import BadPack
+from app.speech import SILENCE
+
+FORMAT = 1
+MODEL, LOOP, IDLE, PREVIEW = "model.npz", "loop.mkv", "idle.mp4", "preview.jpg"
+MANIFEST = "manifest.json"
+FILES = (MODEL, LOOP, IDLE, PREVIEW)
+MOST_BYTES = 256 * 2**20
+"""A model file that unpacks to more is refused unread."""
+
+Half = NDArray[np.float16]
+
+
+class Consent(BaseModel):
+    """Whose face it is, and what they agreed to."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    subject: str = Field(min_length=1)
+    statement: str = Field(min_length=1)
+
+
+class Manifest(BaseModel):
+    """`manifest.json`."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    format: Literal[1]
+    id: str = Field(pattern=r"^[a-z0-9][a-z0-9_-]{0,63}$")
+    title: str = Field(min_length=1)
+    fps: float = Field(gt=0, le=120)
+    width: int = Field(gt=0, le=4096, multiple_of=2)
+    height: int = Field(gt=0, le=4096, multiple_of=2)
+    loop_frames: int = Field(gt=0, le=3000)
+    phone_set: Literal["ARPAbet"] = "ARPAbet"
+    voice: str
+    licence: str
+    provenance: str
+    consent: Consent
+    files: dict[str, str]
+
+
+@dataclass(frozen=True)
+class Pack:
+    """A loaded pack: the numbers of one avatar."""
+
+    folder: Path
+    manifest: Manifest
+    modes: Modes
+    morphable: MorphableModel
+    trajectory: GaussianTrajectory
+    background: Background
+
+
+def load_pack(folder: Path) -> Pack:
+    """Read and check a pack.
+
+    Raises:
+        BadPack: a file is missing, changed, of another version, or holds something else than it should.
+    """
+    manifest = load_manifest(folder)
+    if set(manifest.files) != set(FILES):
+        raise BadPack(f"{folder}/manifest.json lists {sorted(manifest.files)}, a pack has {sorted(FILES)}")
+    for name, expected in manifest.files.items():
+        path = folder / name
+        if path.is_symlink() or not path.is_file():
+            raise BadPack(f"{path} is missing or no plain file", advice="Restore the pack from where it came.")
+        if _digest(path) != expected:
+            raise BadPack(f"{path} is damaged: its checksum differs", advice="Restore the pack from where it came.")
+    arrays = _arrays(folder / MODEL)
+    try:
+        modes = _modes(arrays)
+        morphable = _morphable(arrays, modes)
+        trajectory = _trajectory(arrays, modes)
+        pictures = _pictures(folder / LOOP, manifest)
+        background = _background(arrays, pictures, manifest, modes)
+    except KeyError as error:
+        raise BadPack(f"{folder / MODEL} lacks {error}", advice="Train the avatar again.") from error
+    return Pack(folder, manifest, modes, morphable, trajectory, background)
+
+
+def load_manifest(folder: Path) -> Manifest:
+    """Read and check `manifest.json` alone."""
+    path = folder / MANIFEST
+    try:
+        return Manifest.model_validate_json(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise BadPack(f"{path} cannot be read: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise BadPack(f"{path} is no text") from error
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(part) for part in first["loc"]) or "the file"
+        raise BadPack(f"{path}: {where}: {first['msg']}", advice="Train the avatar again with this version.") from error
+
+
+def save_model(
+    path: Path, modes: Modes, morphable: MorphableModel, trajectory: GaussianTrajectory, background: Background
+) -> None:
+    """Write `model.npz`; pictures and flows are rounded to half precision, which costs nothing one could see."""
+    arrays: dict[str, Any] = {
+        "size": np.array([modes.width, modes.height]),
+        "flow_mean": modes.flow_mean,
+        "flow_modes": modes.flow_modes.astype(np.float16),
+        "texture_mean": modes.texture_mean.astype(np.float16),
+        "texture_modes": modes.texture_modes.astype(np.float16),
+        "layer": modes.layer.astype(np.uint8),
+        "detail": modes.detail.astype(np.float16),
+        "prototypes": np.clip(np.rint(morphable.images), 0, 255).astype(np.uint8),
+        "prototype_flows": morphable.flows.astype(np.float16),
+        "reference": np.array([morphable.reference], np.int32),
+        "states": np.array(trajectory.states),
+        "state_mean": trajectory.mean,
+        "state_precision": trajectory.precision,
+        "coefficient_offset": trajectory.offset,
+        "coefficient_scale": trajectory.scale,
+        "trajectory": np.array(
+            [trajectory.fps, trajectory.smoothness, trajectory.order, trajectory.lead, trajectory.cap]
+        ),
+        "crop": np.array([background.crop.x, background.crop.y, background.crop.width, background.crop.height]),
+        "region": np.array(
+            [background.region.x, background.region.y, background.region.width, background.region.height]
+        ),
+        "pose": background.pose.astype(np.float16),
+        "mask": np.rint(background.mask * 255).astype(np.uint8),
+    }
+    np.savez_compressed(path, **arrays)
+
+
+def checksums(folder: Path) -> dict[str, str]:
+    """SHA-256 of every file of a pack, for its manifest."""
+    return {name: _digest(folder / name) for name in FILES}
+
+
+def write_manifest(folder: Path, manifest: Manifest) -> None:
+    """Write `manifest.json`, last of all: a folder without one is no pack."""
+    text = json.dumps(manifest.model_dump(), indent=2, ensure_ascii=False)
+    (folder / MANIFEST).write_text(text + "\n", encoding="utf-8")
+
+
+def _digest(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def _arrays(path: Path) -> dict[str, NDArray[Any]]:
+    try:
+        with zipfile.ZipFile(path) as archive:
+            size = sum(entry.file_size for entry in archive.infolist())
+        if size > MOST_BYTES:
+            raise BadPack(f"{path} unpacks to {size} bytes, more than {MOST_BYTES}")
+        with np.load(path, allow_pickle=False) as stored:
+            return {name: stored[name] for name in stored.files}
+    except (OSError, ValueError, zipfile.BadZipFile) as error:
+        raise BadPack(f"{path} is no model: {error}") from error
+
+
+def _checked(arrays: dict[str, NDArray[Any]], name: str, shape: tuple[int, ...]) -> NDArray[np.float32]:
+    """An array as float32, with the shape it must have (-1: any) and nothing but finite numbers."""
+    array = arrays[name]
+    if array.ndim != len(shape) or any(want not in (-1, have) for want, have in zip(shape, array.shape, strict=True)):
+        raise BadPack(f"{MODEL}: {name} has shape {array.shape}, expected {shape} (-1: any)")
+    if array.dtype.kind not in "fiu":
+        raise BadPack(f"{MODEL}: {name} holds {array.dtype}, expected numbers")
+    if not np.isfinite(array).all():
+        raise BadPack(f"{MODEL}: {name} holds numbers that are not finite")
+    return np.ascontiguousarray(array, np.float32)
+
+
+def _modes(arrays: dict[str, NDArray[Any]]) -> Modes:
+    width, height = (int(side) for side in _checked(arrays, "size", (2,)))
+    if not (0 < width <= 2048 and 0 < height <= 2048) or width % 2 or height % 2:
+        raise BadPack(f"{MODEL}: the mouth region is {width}x{height}")
+    mesh = (-(-height // MESH_STEP), -(-width // MESH_STEP))
+    pixels = width * height * 3 // 2
+    return Modes(
+        width, height,
+        _checked(arrays, "flow_mean", (*mesh, 2)),
+        _checked(arrays, "flow_modes", (-1, *mesh, 2)),
+        _checked(arrays, "texture_mean", (pixels,)),
+        _checked(arrays, "texture_modes", (-1, pixels)),
+        _checked(arrays, "layer", mesh),
+        _checked(arrays, "detail", (pixels,)),
+    )  # fmt: skip
+
+
+def _morphable(arrays: dict[str, NDArray[Any]], modes: Modes) -> MorphableModel:
+    images = _checked(arrays, "prototypes", (-1, len(modes.texture_mean)))
+    flows = _checked(arrays, "prototype_flows", (len(images), modes.height, modes.width, 2))
+    reference = int(_checked(arrays, "reference", (1,))[0])
+    if not 0 <= reference < len(images):
+        raise BadPack(f"{MODEL}: the reference is prototype {reference} of {len(images)}")
+    return MorphableModel(modes.width, modes.height, images, flows, reference)
+
+
+def _trajectory(arrays: dict[str, NDArray[Any]], modes: Modes) -> GaussianTrajectory:
+    states = tuple(str(state) for state in arrays["states"])
+    if SILENCE not in states:
+        raise BadPack(f"{MODEL}: the trajectory model has no silence")
+    shape = (len(states), modes.count)
+    mean, precision = (_checked(arrays, name, shape) for name in ("state_mean", "state_precision"))
+    offset, scale = (_checked(arrays, f"coefficient_{name}", (modes.count,)) for name in ("offset", "scale"))
+    fps, smoothness, order, lead, cap = (float(number) for number in _checked(arrays, "trajectory", (5,)))
+    if not ((precision > 0).all() and (scale > 0).all() and smoothness > 0 and 1 <= order <= 8 and fps > 0):
+        raise BadPack(f"{MODEL}: the trajectory model's variances, scale, order or rate are not positive")
+    exact = [np.asarray(array, np.float64) for array in (mean, precision, offset, scale)]
+    return GaussianTrajectory(states, exact[0], exact[1], exact[2], exact[3], fps, smoothness, int(order), lead, cap)
+
+
+def _pictures(path: Path, manifest: Manifest) -> NDArray[np.uint8]:
+    shape = (manifest.loop_frames + 1, manifest.height * 3 // 2, manifest.width)
+    pictures = np.empty(shape, np.uint8)
+    count = 0
+    try:
+        with av.open(str(path)) as container:
+            stream = container.streams.video[0]
+            if (stream.width, stream.height) != (manifest.width, manifest.height):
+                raise BadPack(f"{path} is {stream.width}x{stream.height}, not {manifest.width}x{manifest.height}")
+            for frame in container.decode(stream):
+                if frame.format.name != "yuv420p" or count == len(pictures):
+                    raise BadPack(f"{path} has more frames than the manifest says, or another pixel format")
+                pictures[count] = frame.to_ndarray()
+                count += 1
+    except (OSError, IndexError, av.FFmpegError) as error:
+        raise BadPack(f"{path} cannot be decoded: {error}") from error
+    if count != len(pictures):
+        raise BadPack(f"{path} has {count} frames, expected {len(pictures)}")
+    return pictures
+
+
+def _background(
+    arrays: dict[str, NDArray[Any]], pictures: NDArray[np.uint8], manifest: Manifest, modes: Modes
+) -> Background:
+    crop, region = (Box(*(int(side) for side in _checked(arrays, name, (4,)))) for name in ("crop", "region"))
+    for name, box in (("crop", crop), ("region", region)):
+        inside = box.x >= 0 and box.y >= 0 and box.x + box.width <= manifest.width
+        if (
+            not inside
+            or box.y + box.height > manifest.height
+            or any(side % 2 for side in (box.x, box.y, box.width, box.height))
+        ):
+            raise BadPack(f"{MODEL}: the {name} {box} leaves the picture or is odd")
+    if (crop.width, crop.height) != (modes.width, modes.height):
+        raise BadPack(f"{MODEL}: the crop is {crop.width}x{crop.height}, the texture {modes.width}x{modes.height}")
+    pose = _checked(arrays, "pose", (len(pictures), -1, -1, 2))
+    mask = _checked(arrays, "mask", (modes.height, modes.width)) / np.float32(255)
+    return Background(pictures, crop, region, pose, mask)

@@ -1,0 +1,146 @@
+"""Phones as the trajectory model sees them: states, and how much of each state every frame shows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.speech import SILENCE, Phone
+
+DIPHTHONGS = ("AY", "AW", "EY", "OW", "OY")
+"""Phones with two targets: two states, each half as long."""
+
+SILENCE_STEP = 0.05
+"""Seconds. Silence near speech is split by its distance to it: the mouth closes and opens there."""
+SILENCE_STEPS = 4
+
+NEAREST: dict[str, tuple[str, ...]] = {
+    "AA": ("AO", "AH", "AE"), "AE": ("EH", "AA"), "AH": ("IH", "EH", "ER"), "AO": ("AA", "OW"), "AW": ("AA", "AE"),
+    "AY": ("AA", "AE"), "B": ("P", "M"), "CH": ("SH", "JH"), "D": ("T", "N"), "DH": ("TH", "D"), "EH": ("AE", "IH"),
+    "ER": ("R", "AH"), "EY": ("EH", "IY"), "F": ("V",), "G": ("K", "NG"), "HH": ("AH", "EH"), "IH": ("IY", "EH"),
+    "IY": ("IH", "EY"), "JH": ("CH", "SH"), "K": ("G", "NG"), "L": ("N", "D"), "M": ("B", "P"), "N": ("D", "T"),
+    "NG": ("K", "G"), "OW": ("AO", "UW"), "OY": ("AO", "OW"), "P": ("B", "M"), "R": ("ER", "W"), "S": ("Z", "T"),
+    "SH": ("CH", "JH", "ZH"), "T": ("D", "N"), "TH": ("DH", "T"), "UH": ("UW", "OW"), "UW": ("UH", "OW", "W"),
+    "V": ("F",), "W": ("UW", "OW"), "Y": ("IY", "IH"), "Z": ("S", "D"), "ZH": ("SH", "JH", "CH"),
+}  # fmt: skip
+"""What an untrained phone falls back to: looks first, never silence."""
+
+VISEMES: tuple[tuple[str, ...], ...] = (
+    ("P", "B", "M"), ("F", "V"), ("TH", "DH"), ("T", "D", "N"), ("S", "Z"), ("L",), ("K", "G", "NG"),
+    ("SH", "ZH", "CH", "JH"), ("R", "ER"), ("W", "UW", "UH"), ("OW", "OY", "AO"), ("AA", "AY", "AW"), ("AE",),
+    ("EH", "EY"), ("IH", "IY", "Y"), ("AH", "HH"), (SILENCE,),
+)  # fmt: skip
+"""Phones that look alike share statistics where there are few examples."""
+
+
+@dataclass(frozen=True, slots=True)
+class Segment:
+    """One state in time (seconds). The first and last segments of a sequence reach to infinity."""
+
+    state: str
+    start: float
+    end: float
+
+
+@dataclass(frozen=True, slots=True)
+class Occupancy:
+    """Which states each frame shows, and how much of them.
+
+    Attributes:
+        states: (T, M) indices into the state names.
+        share: (T, M), share of the frame's time that lies in the state; zero where unused.
+        duration: (T, M), length of the state's segment in frames, capped and at least half a frame: eq. 3.1's D is
+            1 / sqrt of it.
+    """
+
+    states: NDArray[np.int64]
+    share: NDArray[np.float64]
+    duration: NDArray[np.float64]
+
+
+def viseme(state: str) -> int:
+    """Index into `VISEMES` of the class that a state's phone belongs to."""
+    phone = state.partition(".")[0]
+    return next(i for i, members in enumerate(VISEMES) if phone in members)
+
+
+def segments(phones: Sequence[Phone]) -> list[Segment]:
+    """Split phones into states: diphthongs in two, silence by its distance to speech."""
+    result: list[Segment] = []
+    for index, phone in enumerate(phones):
+        if phone.symbol == SILENCE:
+            result += _silence(phone, after_speech=index > 0, before_speech=index < len(phones) - 1)
+        elif phone.symbol in DIPHTHONGS:
+            middle = (phone.start + phone.end) / 2
+            result.append(Segment(f"{phone.symbol}.0", phone.start, middle))
+            result.append(Segment(f"{phone.symbol}.1", middle, phone.end))
+        else:
+            result.append(Segment(phone.symbol, phone.start, phone.end))
+    return result
+
+
+def _silence(phone: Phone, *, after_speech: bool, before_speech: bool) -> list[Segment]:
+    half = (phone.end - phone.start) / (2 if after_speech and before_speech else 1)
+    steps = min(SILENCE_STEPS, int(half / SILENCE_STEP + 1e-6))
+    after = steps if after_speech else 0
+    before = steps if before_speech else 0
+    result = [
+        Segment(f"SIL.after{k}", phone.start + k * SILENCE_STEP, phone.start + (k + 1) * SILENCE_STEP)
+        for k in range(after)
+    ]
+    rest = Segment(SILENCE, phone.start + after * SILENCE_STEP, phone.end - before * SILENCE_STEP)
+    if rest.end - rest.start > 1e-6 or not (after or before):
+        result.append(rest)
+    result += [
+        Segment(f"SIL.before{k}", phone.end - (k + 1) * SILENCE_STEP, phone.end - k * SILENCE_STEP)
+        for k in reversed(range(before))
+    ]
+    return result
+
+
+MOST_STATES = 8
+"""States that one frame can show; at 25 fps and 25 ms a phone there are at most three."""
+
+
+def occupancy(
+    sequence: Sequence[Segment], names: dict[str, int], frames: int, *, fps: float, lead: float, cap: float
+) -> Occupancy:
+    """Share of every frame's interval that lies in each state.
+
+    A frame is shown for 1 / fps seconds, as long as the shortest phones: giving it to one phone outright would lose
+    where phones start, which is worth a third of the error.
+
+    Args:
+        sequence: segments in order, gapless.
+        names: state name to index; every state of the sequence must be in it.
+        frames: T.
+        fps: frames a second; frame n is centred on n / fps + lead.
+        lead: seconds by which the lips are ahead of the sound.
+        cap: longest duration, in frames, that the duration weight knows.
+    """
+    states = np.zeros((frames, MOST_STATES), np.int64)
+    share = np.zeros((frames, MOST_STATES))
+    duration = np.ones((frames, MOST_STATES))
+    used = np.zeros(frames, np.int64)
+    half = 0.5 / fps
+    for position, segment in enumerate(sequence):
+        start = -np.inf if position == 0 else segment.start
+        end = np.inf if position == len(sequence) - 1 else segment.end
+        first = 0 if position == 0 else max(0, int(np.floor((start - lead - half) * fps)))
+        last = frames - 1 if position == len(sequence) - 1 else min(frames - 1, int(np.ceil((end - lead + half) * fps)))
+        if last < first:
+            continue
+        span = np.arange(first, last + 1)
+        centre = span / fps + lead
+        part = (np.minimum(centre + half, end) - np.maximum(centre - half, start)) * fps
+        span, part = span[part > 1e-9], part[part > 1e-9]
+        span, part = span[used[span] < MOST_STATES], part[used[span] < MOST_STATES]
+        slot = used[span]
+        states[span, slot] = names[segment.state]
+        share[span, slot] = part
+        duration[span, slot] = min(cap, max(0.5, (segment.end - segment.start) * fps))
+        used[span] += 1
+    return Occupancy(states, share, duration)
