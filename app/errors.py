@@ -1,20 +1,19 @@
 """One exception tree. The API maps it once to RFC 9457 problem documents, the CLI once to a line and an exit code.
 
-    MaryError
-    ├── ConfigError            config.yaml or an environment variable is wrong
-    ├── InputError             the caller's input is wrong (422)
-    │   ├── NothingToSay       no readable text
-    │   └── TooLong            over a configured limit (413)
-    ├── NotFound               unknown avatar, voice, stream, utterance or plug-in (404)
-    ├── Gone                   it existed and has ended (410)
-    ├── NotReady               it is still being made (409)
-    ├── OverCapacity           the service is full; says when to come back (503)
-    ├── BadPack                an avatar pack is damaged or of another version
-    ├── MissingExtra           an optional dependency is not installed; names the extra
-    ├── SpeechFailed           a speech engine failed; names the engine (502)
-    ├── AlignmentFailed        an aligner failed; names the aligner (502)
-    ├── NegotiationFailed      a WebRTC offer cannot be answered (400)
-    └── TrainingFailed         a recording cannot be turned into an avatar
+- `MaryError`
+    - `ConfigError`: config.yaml or an environment variable is wrong
+    - `InputError`: the caller's input is wrong (422)
+        - `NothingToSay`: no readable text
+        - `TooLong`: over a configured limit (413)
+    - `NotFound`: unknown avatar, voice, stream, utterance or plug-in (404)
+    - `Gone`: it existed and has ended (410)
+    - `NotReady`: it is still being made (409)
+    - `OverCapacity`: the service is full; says when to come back (503)
+    - `BadPack`: an avatar pack is damaged or of another version
+    - `MissingExtra`: an optional dependency is not installed; names the extra
+    - `SpeechFailed`: a speech engine failed; names the engine (502)
+    - `NegotiationFailed`: a WebRTC offer cannot be answered (400)
+    - `TrainingFailed`: a recording cannot be turned into an avatar
 """
 
 from __future__ import annotations
@@ -85,10 +84,6 @@ class MissingExtra(MaryError):
 
 class SpeechFailed(MaryError):
     status, slug, title = 502, "speech-failed", "Speech engine failed"
-
-
-class AlignmentFailed(MaryError):
-    status, slug, title = 502, "alignment-failed", "Aligner failed"
 
 
 class NegotiationFailed(MaryError):

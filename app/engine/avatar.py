@@ -11,6 +11,7 @@ from app.engine.frame import Picture
 from app.engine.mmm import MorphMouth
 from app.engine.modes import ModeMouth
 from app.engine.pack import Manifest, Pack, load_manifest, load_pack
+from app.engine.threads import one_thread_a_call
 from app.engine.trajectory import Coefficients
 from app.errors import BadPack, NotFound
 from app.speech import Phone
@@ -64,6 +65,7 @@ def load_avatar(folder: Path, renderer: str = "fast") -> Avatar:
         BadPack: the pack is damaged.
         NotFound: no such renderer.
     """
+    one_thread_a_call()
     return Avatar(load_pack(folder), renderer)
 
 

@@ -106,6 +106,7 @@ def pose_track(recording: Recording, margin: int = 16) -> tuple[Box, Float]:
 
 def bake(
     recording: Recording,
+    frames: NDArray[np.uint8],
     modes: Modes,
     rest: Float,
     recorded_rest: Float,
@@ -116,6 +117,7 @@ def bake(
 
     Args:
         recording: whose loop and still.
+        frames: (T, P) planes of the frames learnt from: where they differ, the mouth moves.
         modes: without detail.
         rest: (K,) coefficients at rest.
         recorded_rest: (P,) mean planes of the recorded frames at rest.
@@ -127,7 +129,7 @@ def bake(
     cut = still[crop.y : crop.y + crop.height, crop.x : crop.x + crop.width]
     clean = np.concatenate([plane.ravel() for plane in to_planes(cut)])
     modes = replace(modes, detail=detail_layer(modes, rest, clean, recorded_rest))
-    active = activity(recording.frames, crop.width, crop.height)
+    active = activity(frames, crop.width, crop.height)
     mask = mouth_mask(active)
     pictures = [from_rgb(frame) for frame in recording.loop()]
     still_picture = from_rgb(still)

@@ -63,6 +63,7 @@ class Trained:
         trajectory: the trajectory model.
         rest: (K,) the mouth at rest.
         rest_frames: frame numbers that show it.
+        learnt: frame numbers of everything learnt from.
     """
 
     modes: Modes
@@ -71,6 +72,7 @@ class Trained:
     trajectory: GaussianTrajectory
     rest: Float
     rest_frames: NDArray[np.int64]
+    learnt: NDArray[np.int64]
 
 
 def silent_progress(step: str, share: float) -> None:
@@ -132,7 +134,7 @@ def learn(
         coefficients, recording.phones, spans, rest, fps=recording.fps, options=options or Options(seed=seed),
         progress=lambda share: progress("trajectories", share),
     )  # fmt: skip
-    return Trained(modes, coefficients, morphable, trajectory, rest, chosen[at_rest])
+    return Trained(modes, coefficients, morphable, trajectory, rest, chosen[at_rest], chosen)
 
 
 REST_MARGIN = 0.16
@@ -152,25 +154,45 @@ def _rest_frames(recording: Recording) -> NDArray[np.int64]:
     return np.flatnonzero(resting).astype(np.int64)
 
 
-def train(folder: Path, output: Path, *, seed: int = 0, progress: Progress = silent_progress) -> Manifest:
+def train(
+    folder: Path,
+    output: Path,
+    *,
+    identity: Path | None = None,
+    leave_out: Collection[int] = (),
+    seed: int = 0,
+    progress: Progress = silent_progress,
+) -> Manifest:
     """Train the avatar of a recording and write its pack.
 
     Args:
-        folder: the recording, with `avatar.json`: id, title, voice, licence, provenance, consent.
+        folder: the recording.
+        identity: JSON with id, title, voice, licence, provenance, consent; by default `avatar.json` in the folder.
         output: the pack's folder; its files are replaced when everything is done, and untouched if anything fails.
+        leave_out: sentences (by number, from 0) that nothing may be learnt from: for open tests.
         seed: of everything random.
         progress: see `Progress`.
 
     Raises:
-        TrainingFailed: the recording is incomplete or wrong.
+        TrainingFailed: the recording or its identity is incomplete or wrong.
     """
-    identity = read_json(folder / "avatar.json")
+    source = identity or folder / "avatar.json"
+    described = _identity(source)
     progress("reading", 0)
     recording = read(folder)
-    trained = learn(recording, seed=seed, progress=progress)
+    unknown = [number for number in leave_out if not 0 <= number < len(recording.sentences)]
+    if unknown:
+        raise TrainingFailed(f"there is no sentence {unknown[0]}; the recording has {len(recording.sentences)}")
+    trained = learn(recording, leave_out=leave_out, seed=seed, progress=progress)
     recorded_rest = recording.frames[trained.rest_frames].mean(0, dtype=np.float64).astype(np.float32)
     modes, background = bake(
-        recording, trained.modes, trained.rest, recorded_rest, ModeMouth, lambda share: progress("background", share)
+        recording,
+        recording.frames[trained.learnt],
+        trained.modes,
+        trained.rest,
+        recorded_rest,
+        ModeMouth,
+        lambda share: progress("background", share),
     )
     progress("writing", 0)
     output.parent.mkdir(parents=True, exist_ok=True)
@@ -183,7 +205,7 @@ def train(folder: Path, output: Path, *, seed: int = 0, progress: Progress = sil
             str(draft / PREVIEW), to_rgb(background.pictures[0])[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 92]
         ):
             raise TrainingFailed(f"{draft / PREVIEW} could not be written")
-        manifest = _manifest(identity, folder, recording, background, checksums(draft))
+        manifest = _manifest(described, source, recording, background, checksums(draft))
         write_manifest(draft, manifest)
         _replace(draft, output)
     finally:
@@ -192,19 +214,35 @@ def train(folder: Path, output: Path, *, seed: int = 0, progress: Progress = sil
     return manifest
 
 
+def _identity(source: Path) -> dict[str, Any]:
+    if not source.exists():
+        raise TrainingFailed(
+            f"{source} is missing: an avatar needs a name, a voice, and the consent of the person shown",
+            advice="See docs/avatars.md for what to write into it.",
+        )
+    found = read_json(source)
+    if not isinstance(found, dict):
+        raise TrainingFailed(f"{source} must hold an object")
+    return found
+
+
 def _manifest(
-    identity: dict[str, Any], folder: Path, recording: Recording, background: Background, files: dict[str, str]
+    described: dict[str, Any], source: Path, recording: Recording, background: Background, files: dict[str, str]
 ) -> Manifest:
     width, height = recording.size
     measured = {
-        "format": FORMAT, "fps": recording.fps, "width": width, "height": height, "loop_frames": background.frames,
+        "format": FORMAT,
+        "fps": recording.fps,
+        "width": width,
+        "height": height,
+        "loop_frames": background.frames,
         "files": files,
-    }  # fmt: skip
+    }
     try:
-        return Manifest.model_validate(identity | measured)
+        return Manifest.model_validate(described | measured)
     except ValidationError as error:
         first = error.errors()[0]
-        raise TrainingFailed(f"{folder}/avatar.json: {'.'.join(map(str, first['loc']))}: {first['msg']}") from error
+        raise TrainingFailed(f"{source}: {'.'.join(map(str, first['loc']))}: {first['msg']}") from error
 
 
 def _replace(draft: Path, output: Path) -> None:

@@ -29,7 +29,7 @@ def write_clip(
     """
     height, width = pictures.shape[1] * 2 // 3, pictures.shape[2]
     rate = Fraction(fps).limit_denominator(1001)
-    with av.open(str(path), "w", format=container, options=muxer) as output:
+    with av.open(str(path), "w", format=container, options={"fflags": "+bitexact", **muxer}) as output:
         stream = output.add_stream("libx264", rate=rate, options=codec)
         stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
         context = stream.codec_context
