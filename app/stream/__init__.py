@@ -1,0 +1,1 @@
+"""Time and transport: clock, encoder, broadcast, muxers, WebRTC, sessions."""

@@ -1,0 +1,193 @@
+"""Who watches a stream: viewers over HTTP and over WebRTC."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import AsyncIterator, Callable
+from typing import Literal
+
+from app.config import Settings
+from app.errors import NotFound
+from app.stream import whep
+from app.stream.broadcast import Broadcast
+from app.stream.encoder import AacEncoder, VideoEncoder
+from app.stream.mux import LiveMuxer
+from app.stream.packet import Packet
+
+JOIN_SECONDS = 0.5
+"""How long a viewer who wakes a sleeping stream waits for its first picture before getting the header."""
+SOUND_ONLY_SECONDS = 0.3
+"""A WebRTC viewer that has not asked for a picture so long after it connected wants sound only."""
+
+Format = Literal["flv", "mp4"]
+FORMATS: tuple[Format, ...] = ("flv", "mp4")
+
+
+class Audience:
+    """The viewers of one stream. All calls on the event loop, except `picture_published`.
+
+    Args:
+        broadcast: what they watch.
+        video, audio: the encoders its packets are from.
+        settings: of the service.
+        on_change: somebody has connected or gone.
+
+    Attributes:
+        arrived: somebody has been connected, now or earlier.
+    """
+
+    def __init__(
+        self,
+        broadcast: Broadcast[Packet],
+        video: VideoEncoder,
+        audio: AacEncoder,
+        settings: Settings,
+        on_change: Callable[[], None],
+    ) -> None:
+        self.arrived = False
+        self._broadcast = broadcast
+        self._video = video
+        self._settings = settings
+        self._on_change = on_change
+        self._loop = asyncio.get_running_loop()
+        self._watching: dict[Format, int] = dict.fromkeys(FORMATS, 0)
+        self._muxers = {
+            format: LiveMuxer(format, broadcast, video, audio, queue_seconds=settings.stream.queue_seconds)
+            for format in FORMATS
+        }
+        self._peers: dict[str, whep.WhepViewer] = {}
+        self._receiving: set[str] = set()  # those of them who get what is published from now on
+        self._empty = asyncio.Event()  # no WebRTC viewers
+        self._fresh = asyncio.Event()  # a picture to start from has been published since the stream last slept
+
+    @property
+    def over_http(self) -> bool:
+        """Somebody needs AAC."""
+        return any(self._watching.values())
+
+    @property
+    def over_webrtc(self) -> bool:
+        """Somebody needs Opus."""
+        return bool(self._receiving)
+
+    @property
+    def present(self) -> bool:
+        """Somebody is connected."""
+        return self.over_http or self.over_webrtc
+
+    @property
+    def expected(self) -> bool:
+        """Somebody is connected or about to be."""
+        return self.over_http or bool(self._peers)
+
+    def count(self) -> dict[str, int]:
+        """Connected viewers by transport: whep, flv, mp4."""
+        return {
+            "whep": len(self._receiving),
+            "flv": self._watching["flv"],
+            "mp4": self._watching["mp4"],
+        }
+
+    async def watch(self, format: Format) -> AsyncIterator[bytes]:
+        """A viewer over HTTP, from the first iteration until this generator is closed."""
+        self._watching[format] += 1
+        try:
+            self._joined()
+            # Pictures from before the stream slept are no place to start from.
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(JOIN_SECONDS):
+                    await self._fresh.wait()
+            chunks = self._muxers[format].watch()
+            try:
+                async for data in chunks:
+                    yield data
+            finally:
+                await chunks.aclose()  # type: ignore[attr-defined]
+        finally:
+            self._watching[format] -= 1
+            self._on_change()
+
+    async def answer(self, offer: str) -> whep.WhepViewer:
+        """A viewer over WebRTC; connected when its connection is.
+
+        Raises:
+            NegotiationFailed: the offer cannot be answered.
+        """
+        settings = self._settings.webrtc
+        made: list[whep.WhepViewer] = []
+
+        def picture_wanted() -> None:
+            self._video.request_keyframe()
+            for each in made:
+                self._receives(each)
+
+        def connected(each: whep.WhepViewer) -> None:
+            self._loop.call_later(SOUND_ONLY_SECONDS, self._receives, each)
+
+        peer = await whep.answer(
+            offer,
+            self._broadcast,
+            request_keyframe=picture_wanted,
+            on_connected=connected,
+            on_closed=self._left,
+            addresses=settings.addresses,
+            loopback=settings.loopback,
+        )
+        made.append(peer)
+        if not peer.closed:
+            self._peers[peer.id] = peer
+            self._empty.clear()
+            self._on_change()
+        return peer
+
+    async def leave(self, viewer: str) -> None:
+        """Disconnect a WebRTC viewer.
+
+        Raises:
+            NotFound: no such viewer.
+        """
+        peer = self._peers.get(viewer)
+        if peer is None:
+            raise NotFound(f"no viewer {viewer}")
+        await peer.close()
+
+    async def close(self, grace: float = 0.0) -> None:
+        """Disconnect the WebRTC viewers. Those over HTTP end with the broadcast, after what is queued for them.
+
+        Args:
+            grace: seconds in which they may play out; they go by themselves when the broadcast is closed.
+        """
+        if self._peers and grace:
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(grace):
+                    await self._empty.wait()
+        await asyncio.gather(*(peer.close() for peer in list(self._peers.values())), return_exceptions=True)
+
+    def picture_published(self) -> None:
+        """Decoding can start at what was just published. From any thread."""
+        if not self._fresh.is_set():
+            with contextlib.suppress(RuntimeError):  # the event loop is gone
+                self._loop.call_soon_threadsafe(self._fresh.set)
+
+    def slept(self) -> None:
+        """No pictures will be published for a while."""
+        self._fresh.clear()
+
+    def _joined(self) -> None:
+        self.arrived = True
+        self._on_change()
+
+    def _receives(self, peer: whep.WhepViewer) -> None:
+        # A connected viewer takes a moment to receive, and then asks for a picture. What is published before is lost to
+        # it, and it would have to wait for the next key frame, so only now it counts as arrived.
+        if peer.id in self._peers and peer.id not in self._receiving:
+            self._receiving.add(peer.id)
+            self._joined()
+
+    def _left(self, peer: whep.WhepViewer) -> None:
+        self._peers.pop(peer.id, None)
+        self._receiving.discard(peer.id)
+        if not self._peers:
+            self._empty.set()
+        self._on_change()

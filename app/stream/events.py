@@ -1,0 +1,57 @@
+"""What happens to a stream, told to whoever listens."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+QUEUED_EVENTS = 256
+"""Events kept for a listener that does not read; the oldest is forgotten."""
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """One event: `state`, `speak_started`, `speak_ended` or `error`, and its data."""
+
+    name: str
+    data: dict[str, Any] = field(default_factory=dict)
+
+
+class EventBoard:
+    """Hands every event to every listener. On one event loop."""
+
+    def __init__(self) -> None:
+        self._listeners: set[asyncio.Queue[Event | None]] = set()
+        self._closed = False
+
+    def post(self, name: str, **data: Any) -> None:
+        """Tell all listeners; never blocks."""
+        for queue in self._listeners:
+            _put(queue, Event(name, data))
+
+    def close(self) -> None:
+        """End all listeners' iterations after what is queued."""
+        self._closed = True
+        for queue in self._listeners:
+            _put(queue, None)
+
+    async def listen(self, first: Callable[[], Event]) -> AsyncIterator[Event]:
+        """Every event from the first iteration on, until the board is closed; `first` makes the one to begin with."""
+        queue: asyncio.Queue[Event | None] = asyncio.Queue(QUEUED_EVENTS)
+        queue.put_nowait(first())
+        if self._closed:
+            queue.put_nowait(None)
+        self._listeners.add(queue)
+        try:
+            while (event_or_end := await queue.get()) is not None:
+                yield event_or_end
+        finally:
+            self._listeners.discard(queue)
+
+
+def _put(queue: asyncio.Queue[Event | None], event: Event | None) -> None:
+    if queue.full():
+        queue.get_nowait()
+    queue.put_nowait(event)

@@ -1,0 +1,97 @@
+"""Speech, piece by piece, brought to the grid of a stream: 48 kHz sound, and a mouth for every frame.
+
+Pieces come one after the other and are as long as they are, so a piece hardly ever begins on a frame. What is counted
+is the time of the whole utterance: frame n shows what sounds n / fps after its start, over any number of pieces.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.speech import SILENCE, Phone, Speech
+from app.stream.clock import FPS, FRAME_SAMPLES, SAMPLE_RATE, first_frame_at
+from app.stream.soundtrack import Samples, resample
+from app.stream.timing import Stage
+
+REST_FRAMES = 5
+"""0.2 s of silence after the last word, in which the mouth comes to rest."""
+HISTORY_FRAMES = 8
+"""Frames before a piece that its trajectory is continued from."""
+
+Coefficients = NDArray[np.float32]
+
+
+class Mouth(Protocol):
+    """What is needed of an avatar here (see `app.engine.avatar.Avatar`)."""
+
+    @property
+    def rest(self) -> Coefficients: ...
+
+    def trajectory(
+        self, phones: Sequence[Phone], frames: int, *, before: Coefficients | None = None
+    ) -> Coefficients: ...
+
+
+@dataclass(frozen=True, slots=True)
+class Piece:
+    """A piece of an utterance, ready to be heard and shown. Samples and frames count from the utterance's start.
+
+    Attributes:
+        sample: its first sample.
+        samples: 48 kHz mono, float32, shape (n,).
+        frame: its first frame, the first one not before `sample`.
+        coefficients: one row a frame, shape (frames, K); the next piece's first frame is `frame + frames`.
+    """
+
+    sample: int
+    samples: Samples
+    frame: int
+    coefficients: Coefficients
+
+
+def pieces(
+    mouth: Mouth, speeches: Iterable[Speech], mark: Callable[[Stage], None] = lambda _stage: None
+) -> Iterator[Piece]:
+    """Turn speech into pieces, one for each and a last one in which the mouth comes to rest.
+
+    Args:
+        mouth: the avatar.
+        speeches: they follow each other without a gap; taken one by one as the pieces are.
+        mark: told when the stages "speech" and "trajectory" are reached.
+    """
+    elapsed = Fraction(0)  # seconds; exact, so that nothing adds up
+    before = np.repeat(mouth.rest[None], HISTORY_FRAMES, axis=0)
+    end = 0
+    for speech in speeches:
+        mark("speech")
+        start = end
+        elapsed += Fraction(len(speech.samples), speech.rate)
+        end = round(elapsed * SAMPLE_RATE)
+        first, frames = first_frame_at(start), first_frame_at(end) - first_frame_at(start)
+        phones = _later(speech.phones, (first * FRAME_SAMPLES - start) / SAMPLE_RATE)
+        rows = mouth.trajectory(phones, frames, before=before) if frames else before[:0]
+        before = np.concatenate([before, rows])[-HISTORY_FRAMES:]
+        mark("trajectory")
+        yield Piece(start, resample(speech.samples, speech.rate, end - start), first, rows)
+    if end:
+        first = first_frame_at(end)
+        silence = np.zeros((first + REST_FRAMES) * FRAME_SAMPLES - end, np.float32)
+        yield Piece(end, silence, first, to_rest(mouth, REST_FRAMES, before))
+
+
+def to_rest(mouth: Mouth, frames: int, before: Coefficients) -> Coefficients:
+    """A mouth that closes within so many frames; shape (frames, K)."""
+    return mouth.trajectory((Phone(SILENCE, 0.0, frames / FPS),), frames, before=before)
+
+
+def _later(phones: Sequence[Phone], offset: float) -> list[Phone]:
+    # The same phones on a time axis that begins `offset` seconds later: at the piece's first frame.
+    return [Phone(p.symbol, max(0.0, p.start - offset), p.end - offset) for p in phones if p.end > offset] or [
+        Phone(SILENCE, 0.0, 1 / FPS)
+    ]

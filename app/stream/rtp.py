@@ -1,0 +1,109 @@
+"""Packets to RTP through aiortc: tracks of encoded packets, and the two private places of its sender they need.
+
+aiortc sends an `av.Packet` that a track returns as it is, with `pts` as RTP time. Two things it does not foresee:
+
+* A viewer's request for a key frame (PLI, FIR) sets a flag for aiortc's own encoder. `RTCRtpSender._send_keyframe` is
+  replaced by a callback.
+* Sender reports, by which a receiver puts sound and picture in step, carry the time at which the last packet happened
+  to be sent. Pictures are encoded ahead of their time and sound lags by its packet, so that would shift one against the
+  other. `RTCRtpSender._send_rtcp` is wrapped to report the stream's clock for both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from aiortc import MediaStreamTrack
+from aiortc.clock import current_ntp_time
+from aiortc.mediastreams import MediaStreamError
+from aiortc.rtp import RtcpSrPacket
+
+from app.stream.broadcast import Broadcast, Subscription
+from app.stream.packet import Kind, Packet
+
+NTP_SECOND = 1 << 32  # NTP time stamps are 32.32 fixed point
+
+
+class WallClock:
+    """The stream's clock as NTP time, the same for all tracks of a viewer: set by the first packet that is sent."""
+
+    def __init__(self, now: Callable[[], int] = current_ntp_time) -> None:
+        self._now = now
+        self._zero: int | None = None
+
+    def ntp(self, seconds: float) -> int:
+        """NTP time (32.32 fixed point) of `seconds` on the stream's clock."""
+        elapsed = round(seconds * NTP_SECOND)
+        if self._zero is None:
+            self._zero = self._now() - elapsed
+        return self._zero + elapsed
+
+
+class PacketTrack(MediaStreamTrack):
+    """One kind of packets of a stream, from when the connection stands: nothing waits for a viewer before that.
+
+    Pictures begin with a key frame, which is asked for; so they do after a viewer was too slow.
+    """
+
+    def __init__(self, kind: Kind, source: Broadcast[Packet], clock: WallClock, on_lost: Callable[[], None]) -> None:
+        """`on_lost`: called when a key frame is needed to go on."""
+        super().__init__()
+        self.kind = "video" if kind == "video" else "audio"
+        self.sent: Packet | None = None  # the last one
+        self._kind: Kind = kind
+        self._source = source
+        self._clock = clock
+        self._on_lost = on_lost
+        self._subscription: Subscription[Packet] | None = None
+        self._cuts = 0
+
+    async def recv(self) -> Any:
+        """The next packet as `av.Packet`. Raises MediaStreamError at the end."""
+        if self.readyState != "live":
+            raise MediaStreamError
+        if self._subscription is None:
+            self._subscription = self._source.subscribe({self._kind}, backlog=False)
+            self._lost()
+        try:
+            packet = await anext(self._subscription)
+        except StopAsyncIteration:
+            self.stop()
+            raise MediaStreamError from None
+        if self._subscription.cuts != self._cuts:
+            self._cuts = self._subscription.cuts
+            self._lost()
+        self.sent = packet
+        self._clock.ntp(packet.seconds)
+        return packet.to_av()
+
+    def report_time(self) -> int | None:
+        """NTP time of the last packet sent, None before the first."""
+        return None if self.sent is None else self._clock.ntp(self.sent.seconds)
+
+    def stop(self) -> None:
+        """End the track."""
+        if self._subscription is not None:
+            self._subscription.close()
+        super().stop()
+
+    def _lost(self) -> None:
+        if self._kind == "video":
+            self._on_lost()
+
+
+def attach(sender: Any, track: PacketTrack, on_keyframe_request: Callable[[], None]) -> None:
+    """Change an `RTCRtpSender` as the module's text says."""
+    send_rtcp = sender._send_rtcp
+
+    async def send_reports(packets: list[Any]) -> None:
+        time = track.report_time()
+        for packet in packets:
+            if isinstance(packet, RtcpSrPacket):
+                if time is None:
+                    return  # nothing has been sent, so there is no time to report
+                packet.sender_info.ntp_timestamp = time
+        await send_rtcp(packets)
+
+    sender._send_keyframe = on_keyframe_request
+    sender._send_rtcp = send_reports

@@ -1,0 +1,109 @@
+"""One thing to say: its text's pieces on their way to the stream, and what became of it."""
+
+from __future__ import annotations
+
+import secrets
+import time
+from collections import deque
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from typing import Literal
+
+from app.errors import MaryError
+from app.speech import Speech
+from app.stream.clock import FPS
+from app.stream.narration import Narration
+from app.stream.pieces import Piece
+from app.stream.recording import Recording
+from app.stream.timeline import IdlePhase
+from app.stream.timing import Stage, UtteranceTimings
+
+UtteranceState = Literal["queued", "speaking", "done", "interrupted", "failed"]
+
+
+@dataclass(frozen=True, slots=True)
+class Script:
+    """A text that has been checked.
+
+    Attributes:
+        speeches: makes the speech piece by piece when it is iterated; that blocks, and may raise `MaryError`.
+        unread: what of the text cannot be read.
+    """
+
+    speeches: Iterator[Speech]
+    unread: tuple[str, ...] = ()
+
+
+Narrator = Callable[[str, str, float], Script]
+"""Text, voice, speed -> Script. Quick; raises NothingToSay, InputError or NotFound (voice)."""
+
+
+@dataclass(frozen=True, slots=True)
+class UtteranceReport:
+    """An utterance as the outside sees it. `media`: start and end in seconds of the stream, None before it is spoken;
+    `end` is None while it is spoken."""
+
+    id: str
+    state: UtteranceState
+    characters: int
+    unread: tuple[str, ...]
+    media: tuple[float, float | None] | None
+    timings: dict[Stage, float]
+    error: str
+
+
+@dataclass(eq=False)
+class Utterance:
+    """What `LiveStream.say` returns.
+
+    Attributes:
+        characters: length of the text, which itself is not kept.
+        unread: what of it cannot be read.
+        timings: milliseconds from the request to each stage.
+        recording: its file, from the first frame on.
+        start: its first frame on the stream's clock, None before it is spoken.
+        end: the frame after its last, None before that is known.
+    """
+
+    characters: int
+    unread: tuple[str, ...] = ()
+    phase: IdlePhase | None = None
+    id: str = field(default_factory=lambda: secrets.token_urlsafe(16))
+    state: UtteranceState = "queued"
+    timings: UtteranceTimings = field(default_factory=UtteranceTimings)
+    recording: Recording | None = None
+    start: int | None = None
+    end: int | None = None
+    error: str = ""
+    received: float = field(default_factory=time.monotonic)
+    narration: Narration | None = None
+    make: Callable[[], Iterator[Piece]] = lambda: iter(())
+    last: int = 0  # the frame after those placed so far
+    base: int = 0  # the frame its pieces count from: `start` and all delays since
+    ready: deque[Piece] = field(default_factory=deque)  # bounded by PIECES_AHEAD
+    narrated: bool = False  # no more pieces will come
+
+    @property
+    def finished(self) -> bool:
+        """It is neither waiting nor being spoken."""
+        return self.state in ("done", "interrupted", "failed")
+
+    def fail(self, error: BaseException) -> None:
+        """Its speech cannot be made; the message is for the caller to read."""
+        self.error = error.message if isinstance(error, MaryError) else f"{type(error).__name__}: {error}"
+        self.narrated = True
+
+    def cancel(self) -> None:
+        """Make no more pieces and forget those not placed."""
+        if self.narration is not None:
+            self.narration.cancel()
+        self.ready.clear()
+        self.narrated = True
+
+    def report(self) -> UtteranceReport:
+        """A copy for the outside."""
+        media = None
+        if self.start is not None:
+            media = (self.start / FPS, None if self.end is None else self.end / FPS)
+        timings = self.timings.milliseconds()
+        return UtteranceReport(self.id, self.state, self.characters, self.unread, media, timings, self.error)

@@ -1,0 +1,208 @@
+"""WebRTC viewers by WHEP (draft-ietf-wish-whep): an SDP offer in, an answer out, then shared packets over RTP."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import secrets
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from aiortc import RTCConfiguration, RTCPeerConnection, RTCRtpSender, RTCSessionDescription
+from aiortc.sdp import SessionDescription
+
+from app.errors import NegotiationFailed
+from app.stream.broadcast import Broadcast
+from app.stream.ice import offer_addresses, usable_candidates
+from app.stream.packet import Kind, Packet
+from app.stream.rtp import PacketTrack, WallClock, attach
+
+logger = logging.getLogger(__name__)
+
+LINGER_SECONDS = 0.3  # after the stream's last packet the connection stays so long, for the viewer to play out
+
+_KINDS: dict[str, Kind] = {"video": "video", "audio": "opus"}
+_CODECS = {"video": "video/h264", "audio": "audio/opus"}
+_NAMES = {"video": "H.264", "audio": "Opus"}
+_PROFILES = ("42e01f", "42001f")  # constrained baseline first; what is sent is decodable as either
+
+
+class WhepViewer:
+    """A WebRTC viewer, made by `answer`.
+
+    Attributes:
+        id: 128 random bits, URL-safe.
+        answer: the SDP answer.
+        connected: media could flow.
+        closed: it is over.
+    """
+
+    def __init__(
+        self,
+        connection: RTCPeerConnection,
+        transports: Sequence[Any],
+        on_connected: Callable[[WhepViewer], None] | None,
+        on_closed: Callable[[WhepViewer], None] | None,
+        connect_seconds: float,
+    ) -> None:
+        self.id = secrets.token_urlsafe(16)
+        self.answer = ""
+        self.connected = False
+        self.closed = False
+        self._connection = connection
+        self._transports = transports
+        self._on_connected = on_connected
+        self._on_closed = on_closed
+        self._loop = asyncio.get_running_loop()
+        self._closing: asyncio.Task[None] | None = None
+        self._timer = self._loop.call_later(connect_seconds, self._begin_closing)
+        connection.on("connectionstatechange", self._state_changed)
+
+    async def close(self) -> None:
+        """End the connection. May be called more than once."""
+        await asyncio.shield(self._begin_closing())
+
+    def _state_changed(self) -> None:
+        state = self._connection.connectionState
+        if state == "connected" and not self.connected and self._closing is None:
+            self.connected = True
+            self._timer.cancel()
+            if self._on_connected is not None:
+                self._on_connected(self)
+        elif state in ("failed", "closed"):
+            self._begin_closing()
+
+    def _track_ended(self) -> None:
+        if self._closing is None:
+            self._timer.cancel()
+            self._timer = self._loop.call_later(LINGER_SECONDS, self._begin_closing)
+
+    def _begin_closing(self) -> asyncio.Task[None]:
+        if self._closing is None:
+            self._closing = self._loop.create_task(self._close())
+        return self._closing
+
+    async def _close(self) -> None:
+        self._timer.cancel()
+        try:
+            await _close(self._connection, self._transports)
+        finally:
+            self.closed = True
+            if self._on_closed is not None:
+                self._on_closed(self)
+
+
+async def answer(
+    offer: str,
+    source: Broadcast[Packet],
+    *,
+    request_keyframe: Callable[[], None],
+    on_connected: Callable[[WhepViewer], None] | None = None,
+    on_closed: Callable[[WhepViewer], None] | None = None,
+    addresses: Sequence[str] = (),
+    loopback: bool = False,
+    connect_seconds: float = 15.0,
+) -> WhepViewer:
+    """Answer an offer to receive `source`. Every callback is called on the event loop.
+
+    Args:
+        offer: SDP with a video or an audio section, or one of each, that wants to receive H.264 or Opus.
+        source: where "video" and "opus" packets come from; when it is closed, so is the viewer.
+        request_keyframe: called when the viewer starts, was too slow or has lost pictures. Requests are not coalesced
+            (`VideoEncoder.request_keyframe` does that).
+        on_connected: called once if the viewer connects.
+        on_closed: called exactly once, however the viewer ends.
+        addresses, loopback: see `app.stream.ice`.
+        connect_seconds: a viewer that has not connected by then is closed.
+
+    Raises:
+        NegotiationFailed: the offer is no SDP, or wants nothing that can be sent.
+    """
+    kinds = _wanted(offer)
+    # No servers: without this aiortc would ask a public STUN server, and wait for it.
+    connection = RTCPeerConnection(RTCConfiguration(iceServers=[]))
+    clock = WallClock()
+    tracks: list[PacketTrack] = []
+    transports: list[Any] = []
+    try:
+        # Before the offer is set, or VP8 is negotiated.
+        for kind in kinds:
+            track = PacketTrack(_KINDS[kind], source, clock, request_keyframe)
+            transceiver = connection.addTransceiver(track, direction="sendonly")
+            transceiver.setCodecPreferences(_preferred(kind))
+            attach(transceiver.sender, track, request_keyframe)
+            transport = transceiver.sender.transport.transport.iceGatherer._connection
+            offer_addresses(transport, addresses, loopback=loopback)
+            tracks.append(track)
+            transports.append(transport)
+        await connection.setRemoteDescription(RTCSessionDescription(usable_candidates(offer), "offer"))
+        await connection.setLocalDescription(await connection.createAnswer())
+        sdp = connection.localDescription.sdp
+    except Exception as error:
+        await _close(connection, transports)
+        raise NegotiationFailed(
+            f"the offer cannot be answered: {error}",
+            advice="Offer H.264 constrained baseline with packetization-mode=1, Opus, ICE and DTLS, to be received.",
+        ) from error
+    except BaseException:
+        await _close(connection, transports)
+        raise
+    viewer = WhepViewer(connection, transports, on_connected, on_closed, connect_seconds)
+    for track in tracks:
+        track.on("ended", viewer._track_ended)
+    viewer.answer = sdp
+    return viewer
+
+
+async def _close(connection: RTCPeerConnection, transports: Sequence[Any]) -> None:
+    """Close a connection in whatever state, its sockets for certain."""
+    try:
+        await connection.close()
+    except Exception:
+        # aiortc stumbles over what a strange offer made of its transports; the sockets belong to aioice.
+        logger.debug("a connection did not close cleanly", exc_info=True)
+    for transport in transports:
+        await transport.close()
+
+
+def _wanted(offer: str) -> list[str]:
+    """The kinds of media ("video", "audio") the offer wants to receive and that can be sent."""
+    advice = "Send an SDP offer with recvonly video and audio, as RTCPeerConnection.createOffer makes it."
+    try:
+        description = SessionDescription.parse(offer)
+    except Exception as error:  # aiortc's parser raises whatever its assumptions break with
+        raise NegotiationFailed("the offer is not valid SDP", advice=advice) from error
+    mids = [each.rtp.muxId for each in description.media]
+    bundled = {mid for group in description.group if group.semantic == "BUNDLE" for mid in group.items}
+    if len(set(mids)) < len(mids) or not bundled <= set(mids):
+        raise NegotiationFailed("the sections of the offer are not named properly (a=mid, a=group)", advice=advice)
+    media = [each for each in description.media if each.direction in ("recvonly", "sendrecv")]
+    kinds = [each.kind for each in media]
+    if not set(kinds) & set(_KINDS):
+        raise NegotiationFailed("the offer does not ask to receive video or audio", advice=advice)
+    if len(media) < len(description.media) or len(set(kinds)) < len(kinds) or not set(kinds) <= set(_KINDS):
+        raise NegotiationFailed("the offer has more than a video and an audio section to receive", advice=advice)
+    if any(each.dtls is None for each in media):
+        raise NegotiationFailed("the offer has no DTLS fingerprint", advice=advice)
+    for each in media:
+        offered = {codec.mimeType for codec in each.rtp.codecs}
+        if _CODECS[each.kind] not in {name.lower() for name in offered}:
+            names = ", ".join(sorted(name.partition("/")[2] for name in offered)) or "none"
+            raise NegotiationFailed(
+                f"{each.kind} is sent as {_NAMES[each.kind]} only, the offer's codecs are: {names}",
+                advice=f"Use a browser that plays {_NAMES[each.kind]} over WebRTC.",
+            )
+    return [kind for kind in _KINDS if kind in kinds]
+
+
+def _preferred(kind: str) -> list[Any]:
+    codecs = RTCRtpSender.getCapabilities(kind).codecs
+    if kind == "audio":
+        return [codec for codec in codecs if codec.mimeType.lower() == "audio/opus"]
+    h264 = [
+        codec
+        for profile in _PROFILES
+        for codec in codecs
+        if codec.mimeType.lower() == "video/h264" and codec.parameters.get("profile-level-id") == profile
+    ]
+    return h264 + [codec for codec in codecs if codec.mimeType.lower() == "video/rtx"]

@@ -1,0 +1,83 @@
+from __future__ import annotations
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from puppet import FPS, TinyAvatar, speech
+
+from app.speech import SILENCE
+from app.stream.clock import FRAME_SAMPLES
+from app.stream.pieces import REST_FRAMES, pieces, to_rest
+
+
+@settings(max_examples=50, deadline=None)
+@given(
+    lengths=st.lists(st.tuples(st.floats(0.003, 0.9), st.floats(0.001, 0.3)), min_size=1, max_size=12),
+    rate=st.sampled_from([16_000, 22_050, 24_000]),
+)
+def test_frame_n_shows_what_sounds_n_over_fps_after_the_start(lengths: list[tuple[float, float]], rate: int) -> None:
+    avatar = TinyAvatar()
+    speeches = [speech(("AA", voiced), (SILENCE, silent), rate=rate) for voiced, silent in lengths]
+    made = list(pieces(avatar, iter(speeches)))
+
+    sample = frame = 0
+    for piece in made:  # joined end to end, without a gap
+        assert (piece.sample, piece.frame) == (sample, frame)
+        sample += len(piece.samples)
+        frame += len(piece.coefficients)
+    assert sample == frame * FRAME_SAMPLES
+    assert len(made) == len(speeches) + 1
+    spoken = sum(each.duration for each in speeches)
+    assert -1e-4 < sample / 48_000 - spoken - REST_FRAMES / FPS < 1 / FPS + 1e-4
+
+    mouth = np.concatenate([piece.coefficients for piece in made])[:, 0]
+    edges = np.cumsum([0.0, *(p.end - p.start for each in speeches for p in each.phones)])
+    for n in range(frame - REST_FRAMES):
+        if np.abs(edges - n / FPS).min() > 1 / rate:  # which side of an edge a frame falls on may be rounding
+            inside = np.searchsorted(edges, n / FPS) - 1
+            voiced = inside < 2 * len(speeches) and inside % 2 == 0
+            assert (mouth[n] == 1) == voiced, (n, edges)  # in a silence it may still be closing
+
+
+def test_each_piece_continues_from_the_frames_before_and_the_last_comes_to_rest() -> None:
+    avatar = TinyAvatar()
+    made = list(pieces(avatar, [speech(("AA", 0.12)), speech(("AA", 0.5))]))
+    np.testing.assert_array_equal(avatar.befores[0], np.repeat(avatar.rest[None], 8, axis=0))
+    np.testing.assert_array_equal(avatar.befores[1][-3:], made[0].coefficients)
+    np.testing.assert_array_equal(avatar.befores[2], made[1].coefficients[-8:])
+    assert len(made[2].coefficients) == REST_FRAMES
+    assert not made[2].samples.any()
+    assert made[2].coefficients[-1, 0] == 0
+
+
+def test_speech_is_taken_one_by_one_and_stages_are_marked() -> None:
+    marks: list[str] = []
+    taken: list[int] = []
+
+    def speeches():
+        for n in range(3):
+            taken.append(n)
+            yield speech(("AA", 0.2))
+
+    made = pieces(TinyAvatar(), speeches(), marks.append)
+    assert taken == []
+    next(made)
+    assert taken == [0]
+    assert marks == ["speech", "trajectory"]
+
+
+def test_a_piece_shorter_than_a_frame_has_sound_but_no_mouth_of_its_own() -> None:
+    made = list(pieces(TinyAvatar(), [speech(("AA", seconds), rate=24_000) for seconds in (0.05, 0.01, 0.05)]))
+    assert [len(piece.coefficients) for piece in made] == [2, 0, 1, REST_FRAMES]
+    assert len(made[1].samples) == 480
+
+
+def test_nothing_makes_nothing() -> None:
+    assert list(pieces(TinyAvatar(), [])) == []
+
+
+def test_to_rest_closes_the_mouth() -> None:
+    rows = to_rest(TinyAvatar(), 6, np.ones((8, 2), np.float32))
+    assert rows.shape == (6, 2)
+    assert np.all(np.diff(rows[:, 0]) < 0)
+    assert rows[-1, 0] == 0
