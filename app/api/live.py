@@ -1,0 +1,147 @@
+"""Watching a stream: HTTP-FLV, fragmented MP4, WebRTC (WHEP), the finished video, and its events."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import AsyncIterator
+from contextlib import aclosing
+from typing import Annotated, Any, Literal
+
+from fastapi import APIRouter, Query, Request
+from fastapi.responses import FileResponse, Response, StreamingResponse
+from sse_starlette import EventSourceResponse
+from starlette.datastructures import Headers
+from starlette.exceptions import HTTPException
+from starlette.types import Send
+
+from app.api.service import LoadedService
+from app.config import IceServer
+from app.errors import Gone, NegotiationFailed, TooLong
+from app.stream.live import LiveStream
+
+SEND_SECONDS = 30.0
+"""A viewer that takes nothing for so long has gone without saying so."""
+
+PING_SECONDS = 15
+"""How often an event stream with nothing to say shows that it lives."""
+
+_NO_STORE = {"Cache-Control": "no-store"}
+_LIVE_TYPES = {"flv": "video/x-flv", "mp4": "video/mp4"}
+
+router = APIRouter(prefix="/v1/streams/{stream_id}", tags=["watch"])
+
+
+class LiveResponse(StreamingResponse):
+    """Bytes for as long as the stream lives and the viewer takes them; the viewer is let go on every way out."""
+
+    body_iterator: AsyncIterator[bytes]
+
+    async def stream_response(self, send: Send) -> None:
+        """Send the headers at once, then what the stream gives."""
+        await send({"type": "http.response.start", "status": self.status_code, "headers": self.raw_headers})
+        chunks: Any = self.body_iterator
+        async with aclosing(chunks):
+            async for chunk in chunks:
+                async with asyncio.timeout(SEND_SECONDS):
+                    await send({"type": "http.response.body", "body": chunk, "more_body": True})
+        await send({"type": "http.response.body", "body": b"", "more_body": False})
+
+
+@router.head("/live.flv", include_in_schema=False)
+@router.get("/live.flv", response_class=StreamingResponse)
+async def live_flv(stream_id: str, request: Request, service: LoadedService) -> Response:
+    """The stream as HTTP-FLV (H.264 and AAC), from the last key frame on: ffplay, VLC, mpegts.js."""
+    return _live(service.streams.get(stream_id), "flv", request)
+
+
+@router.head("/live.mp4", include_in_schema=False)
+@router.get("/live.mp4", response_class=StreamingResponse)
+async def live_mp4(stream_id: str, request: Request, service: LoadedService) -> Response:
+    """The stream as fragmented MP4 (H.264 and AAC), from the last key frame on: Media Source Extensions, VLC."""
+    return _live(service.streams.get(stream_id), "mp4", request)
+
+
+def _live(stream: LiveStream, format: Literal["flv", "mp4"], request: Request) -> Response:
+    if stream.state == "ended":
+        raise Gone("the stream has ended", advice="The finished video is at video.mp4.")
+    media_type = _LIVE_TYPES[format]
+    if request.method == "HEAD":  # asking what it is does not make a viewer
+        return Response(headers=_NO_STORE, media_type=media_type)
+    return LiveResponse(stream.watch(format), headers=_NO_STORE, media_type=media_type)
+
+
+@router.head("/video.mp4", include_in_schema=False)
+@router.get("/video.mp4", response_class=FileResponse)
+async def video(
+    stream_id: str, service: LoadedService, utterance: Annotated[str | None, Query(max_length=200)] = None
+) -> FileResponse:
+    """The finished file of the last utterance, or of the one named. `Range` works. 409 while it is being made."""
+    path = service.streams.get(stream_id).video(utterance)
+    return FileResponse(
+        path, media_type="video/mp4", headers=_NO_STORE, filename="mary.mp4", content_disposition_type="inline"
+    )
+
+
+@router.get("/events", response_class=EventSourceResponse)
+async def events(stream_id: str, service: LoadedService) -> EventSourceResponse:
+    """Server-sent events: state, speak_started, speak_ended, error."""
+    stream = service.streams.get(stream_id)
+    if stream.state == "ended":
+        raise Gone("the stream has ended")
+    return EventSourceResponse(_events(stream), ping=PING_SECONDS)
+
+
+async def _events(stream: LiveStream) -> AsyncIterator[dict[str, str]]:
+    async for event in stream.events():
+        yield {"event": event.name, "data": json.dumps(event.data)}
+
+
+@router.post("/whep", status_code=201, response_class=Response)
+async def whep(stream_id: str, request: Request, service: LoadedService) -> Response:
+    """Watch over WebRTC (WHEP, draft-ietf-wish-whep-03): an SDP offer in, the answer out.
+
+    All candidates are in the answer; `DELETE` the `Location` to leave.
+    """
+    stream = service.streams.get(stream_id)
+    if stream.state == "ended":
+        raise Gone("the stream has ended")
+    viewer, answer = await stream.whep(await _offer(request, service.settings.limits.sdp))
+    response = Response(answer, 201, {**_NO_STORE, "Location": f"/v1/streams/{stream_id}/whep/{viewer}"})
+    response.headers["Content-Type"] = "application/sdp"
+    for server in service.settings.webrtc.ice_servers:
+        response.headers.append("Link", _ice_link(server))
+    return response
+
+
+async def _offer(request: Request, limit: int) -> str:
+    content_type = Headers(scope=request.scope).get("content-type", "")
+    if content_type.partition(";")[0].strip().lower() != "application/sdp":
+        raise HTTPException(415, "a WebRTC offer has the content type application/sdp")
+    body = await request.body()
+    if len(body) > limit:
+        raise TooLong(f"the offer has {len(body):,} bytes, at most {limit:,} are taken")
+    try:
+        offer = body.decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise NegotiationFailed(f"the offer is not UTF-8: byte {error.start}") from error
+    if not offer.strip():
+        raise NegotiationFailed("the offer is empty", advice="Send the SDP of RTCPeerConnection.createOffer().")
+    return offer
+
+
+def _ice_link(server: IceServer) -> str:
+    parts = [f"<{server.urls}>", 'rel="ice-server"']
+    if server.username is not None:
+        parts.append(f'username="{server.username}"')
+    if server.credential is not None:
+        parts.append(f'credential="{server.credential}"')
+        parts.append('credential-type="password"')
+    return "; ".join(parts)
+
+
+@router.delete("/whep/{viewer}", response_class=Response)
+async def leave(stream_id: str, viewer: str, service: LoadedService) -> Response:
+    """Stop watching over WebRTC."""
+    await service.streams.get(stream_id).leave(viewer)
+    return Response(status_code=200)

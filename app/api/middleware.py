@@ -1,0 +1,108 @@
+"""What every request passes: a bound on its body, safe headers, one line in the log.
+
+Plain ASGI, because Starlette's `BaseHTTPMiddleware` hides from a response that its viewer has gone.
+"""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import structlog
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.exceptions import HTTPException
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from app.api.problems import problem
+
+_log = structlog.get_logger("mary.api")
+
+_QUIET = {"/healthz", "/readyz", "/static"}
+"""Routes that would only fill the log."""
+
+
+class BodyLimit:
+    """Refuse bodies of more than `limit` bytes before they are read, or while, when their length was not announced."""
+
+    def __init__(self, app: ASGIApp, limit: int) -> None:
+        self._app = app
+        self._limit = limit
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        announced = Headers(scope=scope).get("content-length", "")
+        if announced.isdecimal() and int(announced) > self._limit:
+            # The body is not read, so the connection cannot carry another request.
+            answer = problem(
+                413,
+                "too-long",
+                "Too long",
+                self._detail(),
+                advice="Send less at a time.",
+                headers={"Connection": "close"},
+            )
+            await answer(scope, receive, send)
+            return
+        taken = 0
+
+        async def counted() -> Message:
+            nonlocal taken
+            message = await receive()
+            taken += len(message.get("body", b""))
+            if taken > self._limit:
+                raise HTTPException(413, self._detail(), {"Connection": "close"})
+            return message
+
+        await self._app(scope, counted, send)
+
+    def _detail(self) -> str:
+        return f"the body is longer than {self._limit} bytes"
+
+
+class Envelope:
+    """Headers that make answers safe to have in a browser, and one line in the log for each request.
+
+    The line names the route, never the address asked for (a stream's address is the key to it) nor what was said.
+    """
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        started = time.perf_counter()
+        status = 0
+
+        async def with_headers(message: Message) -> None:
+            nonlocal status
+            if message["type"] == "http.response.start":
+                status = message["status"]
+                headers = MutableHeaders(scope=message)
+                headers.setdefault("X-Content-Type-Options", "nosniff")
+                headers.setdefault("Referrer-Policy", "no-referrer")
+            await send(message)
+
+        try:
+            await self._app(scope, receive, with_headers)
+        finally:
+            route = _route(scope)
+            if route not in _QUIET:
+                _log.info(
+                    "request",
+                    method=scope["method"],
+                    route=route,
+                    status=status,
+                    seconds=round(time.perf_counter() - started, 3),
+                )
+
+
+def _route(scope: Scope) -> str:
+    route: Any = scope.get("route")
+    path = getattr(route, "path", None)
+    if isinstance(path, str):
+        return path
+    return "/static" if scope["path"].startswith("/static/") else "(none)"

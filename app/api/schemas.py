@@ -1,0 +1,248 @@
+"""What requests may hold and what answers do. Unknown fields are errors: a misspelt option must not be ignored."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+
+
+def _whole(text: str) -> str:
+    """Join or replace lone surrogates, which JSON can carry and UTF-8 cannot."""
+    return text.encode("utf-16", "surrogatepass").decode("utf-16", "replace")
+
+
+Text = Annotated[str, AfterValidator(_whole), Field(description="What to say, in English.", examples=["Hello, world."])]
+Name = Annotated[str, AfterValidator(_whole), Field(min_length=1, max_length=200)]
+Speed = Annotated[float, Field(ge=0.5, le=2.0, allow_inf_nan=False, description="1 is the voice's own pace.")]
+
+
+class _Request(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+
+class Phase(_Request):
+    """Where the page's idle clip is, so that the live picture takes over without a jump."""
+
+    frame: float = Field(ge=0, le=1e6, allow_inf_nan=False, description="Frame of the loop, with its fraction.")
+    at_ms: float = Field(
+        ge=0, le=1e14, allow_inf_nan=False, description="When it was shown: Unix time in ms, server clock."
+    )
+
+
+class StreamRequest(_Request):
+    """A new stream; with `text` it speaks, without it idles."""
+
+    text: Text | None = None
+    avatar: Name | None = None
+    voice: Name | None = None
+    speed: Speed = 1.0
+    start: Literal["viewer", "now"] = Field(
+        default="viewer", description="viewer: speech waits for the first viewer, so that no word is lost."
+    )
+    idle: Literal["stream", "local"] = Field(
+        default="stream", description="local: no picture is sent while idle, the page shows its own clip."
+    )
+    once: bool = Field(default=False, description="The stream ends by itself when everything is said.")
+    phase: Phase | None = None
+
+
+class SayRequest(_Request):
+    """More to say on a stream that is there."""
+
+    text: Text
+    interrupt: bool = Field(default=False, description="Cut short what is being said and forget what is queued.")
+    voice: Name | None = None
+    speed: Speed = 1.0
+    phase: Phase | None = None
+
+
+class ShownRequest(_Request):
+    """The browser's own measurement."""
+
+    milliseconds: float = Field(
+        ge=0, le=600_000, allow_inf_nan=False, description="From Enter to the first live frame shown."
+    )
+
+
+class RenderRequest(_Request):
+    """A text to make a file of."""
+
+    text: Text
+    avatar: Name | None = None
+    voice: Name | None = None
+    speed: Speed = 1.0
+
+
+class Problem(BaseModel):
+    """Any error (RFC 9457)."""
+
+    type: str
+    title: str
+    status: int
+    detail: str
+    field: str | None = None
+    advice: str | None = None
+
+
+class Said(BaseModel):
+    """An utterance that was taken.
+
+    Attributes:
+        unread: pieces of the text that will be left out, since they cannot be read aloud.
+    """
+
+    id: str
+    unread: list[str]
+
+
+class Urls(BaseModel):
+    """Where a stream is, as absolute paths."""
+
+    self: str
+    whep: str
+    flv: str
+    mp4: str
+    video: str
+    events: str
+
+
+class IdleClip(BaseModel):
+    """The loop that a page shows while nothing is said."""
+
+    url: str
+    fps: float
+    frames: int
+    width: int
+    height: int
+
+
+class StreamCreated(BaseModel):
+    """A new stream and everything needed to watch it."""
+
+    id: str
+    state: str
+    avatar: str
+    voice: str
+    urls: Urls
+    utterance: Said | None
+    idle: IdleClip
+    server_time_ms: float
+
+
+class SayAccepted(BaseModel):
+    """Queued, or about to be spoken."""
+
+    utterance: Said
+    server_time_ms: float
+
+
+class Viewers(BaseModel):
+    """How many watch, by transport."""
+
+    whep: int
+    flv: int
+    mp4: int
+
+
+class MediaTimes(BaseModel):
+    """Seconds on the stream's clock; 0 is its first frame."""
+
+    start: float
+    end: float | None
+
+
+class UtteranceReport(BaseModel):
+    """One utterance: `timings` are milliseconds after its request was received, by stage."""
+
+    id: str
+    state: Literal["queued", "speaking", "done", "interrupted", "failed"]
+    characters: int
+    unread: list[str]
+    media: MediaTimes | None
+    timings: dict[str, float]
+    error: str | None = None
+
+
+class Frames(BaseModel):
+    """Live frames so far."""
+
+    rendered: int
+    dropped: int
+
+
+class StreamReport(BaseModel):
+    """Everything about a stream."""
+
+    id: str
+    state: Literal["waiting", "idle", "speaking", "ended"]
+    avatar: str
+    voice: str
+    viewers: Viewers
+    utterances: list[UtteranceReport]
+    frames: Frames
+
+
+class AvatarEntry(BaseModel):
+    """An avatar that can be used."""
+
+    id: str
+    title: str
+    voice: str
+    fps: float
+    width: int
+    height: int
+    idle: str
+    preview: str
+
+
+class Avatars(BaseModel):
+    """All avatars."""
+
+    default: str
+    avatars: list[AvatarEntry]
+
+
+class VoiceEntry(BaseModel):
+    """A voice; `missing` names what must be installed before it can be used."""
+
+    id: str
+    name: str
+    language: str
+    sex: str
+    rate: int
+    licence: str
+    engine: str
+    installed: bool
+    missing: str
+
+
+class Voices(BaseModel):
+    """All voices of the speech engine in use."""
+
+    default: str
+    voices: list[VoiceEntry]
+
+
+class StagePercentiles(BaseModel):
+    """Milliseconds over the last `n` utterances."""
+
+    p50: float
+    p95: float
+    p99: float
+    n: int
+
+
+class LatencyEntry(BaseModel):
+    """One of the last utterances: its length and times, never its text nor its stream's key."""
+
+    utterance: str
+    characters: int
+    timings: dict[str, float]
+
+
+class Latency(BaseModel):
+    """How long every stage takes, over all streams."""
+
+    stages: dict[str, StagePercentiles]
+    utterances: list[LatencyEntry]

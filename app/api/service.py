@@ -1,0 +1,160 @@
+"""What the routes share: avatars, speech engine and streams, loaded beside the event loop while the page is served."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+from collections.abc import Callable
+from typing import Annotated
+
+import structlog
+from fastapi import Depends, Request
+
+from app.api.threads import in_thread
+from app.api.turns import Turns
+from app.config import Settings
+from app.engine.avatar import Avatar, AvatarShelf
+from app.engine.pool import OrderedPool
+from app.errors import MaryError, OverCapacity, TooLong
+from app.stream.streams import Streams
+from app.stream.utterance import Script
+from app.tts.engine import SpeechEngine, Voice, choose_voice
+from app.tts.narrate import narrate, plan
+from app.tts.registry import create
+
+RENDERS_AT_ONCE = max(1, (os.cpu_count() or 1) // 2)
+"""Files rendered at the same time; the other cores are for live streams."""
+
+RENDERS_WAITING = 8
+"""Renders that may wait for their turn; one more is told to come back later."""
+
+_log = structlog.get_logger("mary.api")
+
+
+class Service:
+    """Loads what answering needs and ends it again.
+
+    Args:
+        settings: of the whole service.
+
+    Attributes:
+        shelf, engine, pool, streams: there once `loaded` has returned.
+        render_turns: who may render a file now.
+        closing: set when the service begins to end; long work is given up then.
+        failure: why loading failed, if it did.
+        on_failure: called when loading has failed; a service that cannot speak had better end.
+    """
+
+    shelf: AvatarShelf
+    engine: SpeechEngine
+    pool: OrderedPool
+    streams: Streams
+
+    def __init__(self, settings: Settings) -> None:
+        self.settings = settings
+        self.render_turns = Turns(RENDERS_AT_ONCE, RENDERS_WAITING)
+        self.failure: Exception | None = None
+        self.on_failure: Callable[[], None] = lambda: None
+        self._loading: asyncio.Task[None] | None = None
+        self._settled = asyncio.Event()
+        self._ready = False
+        self.closing = asyncio.Event()
+
+    def start(self) -> None:
+        """Begin to load, on the running event loop; returns at once."""
+        self._loading = asyncio.create_task(self._load())
+
+    @property
+    def ready(self) -> bool:
+        """Everything is loaded, and the service is not ending."""
+        return self._ready and not self.closing.is_set()
+
+    async def loaded(self) -> None:
+        """Wait until everything is loaded, so that requests in the first seconds are late instead of refused.
+
+        Raises:
+            OverCapacity: the service is ending, or it could not be loaded.
+        """
+        if self._loading is not None:
+            await self._settled.wait()
+        if not self.ready:
+            raise OverCapacity("the service is stopping", advice="Try again in a moment.")
+
+    async def close(self) -> None:
+        """End all streams, and with them every long answer to their viewers. May be called again."""
+        if self.closing.is_set():
+            return
+        self.closing.set()
+        if self._loading is not None:
+            self._loading.cancel()
+        if self._ready:
+            await self.streams.close()
+            self.pool.close()
+
+    async def avatar(self, name: str | None) -> Avatar:
+        """The avatar called `name`, loaded; the default one for None.
+
+        Raises:
+            NotFound: there is none of that name.
+            BadPack: its files are damaged.
+        """
+        # The shelf looks up only names that are in its list, so none can lead out of the folder.
+        return await in_thread(self.shelf.get, self.shelf.default if name is None else name)
+
+    def voice(self, requested: str | None, avatar: Avatar) -> Voice:
+        """The voice to speak with: the one asked for, else the configured one, else the avatar's own.
+
+        Raises:
+            NotFound: the voice asked for is unknown.
+        """
+        preferred = self.settings.speech.voice or avatar.manifest.voice
+        return choose_voice(self.engine, requested or "", preferred)
+
+    def check_length(self, text: str) -> None:
+        """Refuse a text that is too long before any work is done on it.
+
+        Raises:
+            TooLong: more characters than `limits.text`.
+        """
+        limit = self.settings.limits.text
+        if len(text) > limit:
+            raise TooLong(
+                f"the text has {len(text):,} characters, at most {limit:,} are taken at once",
+                field="text",
+                advice="Say it in parts: POST /v1/streams/{id}/say queues them one after another.",
+            )
+
+    def _narrator(self, text: str, voice: str, speed: float) -> Script:
+        planned = plan(text)
+        return Script(narrate(self.engine, planned, voice=voice, speed=speed), planned.unread)
+
+    async def _load(self) -> None:
+        settings = self.settings
+        try:
+            self.shelf = AvatarShelf(settings.avatars.folder, settings.engine.renderer, settings.avatars.default)
+            self.engine = await in_thread(create, settings.speech.engine)
+            await self.avatar(None)
+            await in_thread(self.engine.warm_up)
+            self.pool = OrderedPool(settings.engine.workers or len(os.sched_getaffinity(0)))
+            self.streams = await Streams(settings, self._narrator, self.pool).__aenter__()
+        except Exception as error:
+            self.failure = error
+            self.closing.set()
+            detail = error.message if isinstance(error, MaryError) else repr(error)
+            _log.error("cannot start", detail=detail)
+            self.on_failure()
+        else:
+            self._ready = True
+            _log.info("ready", avatars=list(self.shelf.ids()), speech=self.engine.name)
+        finally:
+            self._settled.set()
+
+
+async def _loaded_service(request: Request) -> Service:
+    service: Service = request.app.state.service
+    await service.loaded()
+    return service
+
+
+LoadedService = Annotated[Service, Depends(_loaded_service)]
+"""A route's parameter of this type is the service, once it is loaded."""

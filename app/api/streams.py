@@ -1,0 +1,173 @@
+"""Streams: make one, let it speak, cut it short, look at it, end it."""
+
+from __future__ import annotations
+
+import time
+from typing import Annotated
+
+from fastapi import APIRouter, Body, Depends, Request, Response
+from starlette.exceptions import HTTPException
+
+from app.api.schemas import (
+    Frames,
+    IdleClip,
+    MediaTimes,
+    Phase,
+    Said,
+    SayAccepted,
+    SayRequest,
+    ShownRequest,
+    StreamCreated,
+    StreamReport,
+    StreamRequest,
+    Urls,
+    UtteranceReport,
+    Viewers,
+)
+from app.api.service import LoadedService
+from app.stream.live import LiveStream, StreamOptions
+from app.stream.timeline import IdlePhase
+from app.stream.utterance import Utterance
+
+
+async def takes_json(request: Request) -> None:
+    """Refuse bodies that are not called JSON, which a foreign page could send without asking."""
+    content_type = request.headers.get("content-type", "")
+    kind = content_type.partition(";")[0].strip().lower()
+    empty = request.headers.get("content-length", "0") == "0" and "transfer-encoding" not in request.headers
+    if kind == "application/json" or (empty and not kind):
+        return
+    raise HTTPException(
+        415, f"the body must have the content type application/json, not {kind or 'none'} (curl: --json '{{…}}')"
+    )
+
+
+router = APIRouter(prefix="/v1/streams", tags=["streams"])
+_JSON = [Depends(takes_json)]
+
+
+@router.post("", status_code=201, dependencies=_JSON)
+async def create(
+    service: LoadedService, response: Response, order: Annotated[StreamRequest | None, Body()] = None
+) -> StreamCreated:
+    """A new stream. Its address is the key to it: 128 random bits."""
+    order = order or StreamRequest()
+    if order.text is not None:
+        service.check_length(order.text)
+    avatar = await service.avatar(order.avatar)
+    voice = service.voice(order.voice, avatar)
+    stream = service.streams.create(
+        avatar,
+        voice=voice.id,
+        options=StreamOptions(start=order.start, idle=order.idle, once=order.once),
+        phase=_phase(order.phase),
+    )
+    utterance = None
+    if order.text is not None:
+        try:
+            utterance = stream.say(order.text, speed=order.speed, phase=_phase(order.phase))
+        except BaseException:
+            await stream.end()
+            raise
+    here = f"/v1/streams/{stream.id}"
+    response.headers.update({"Location": here, "Cache-Control": "no-store"})
+    manifest = avatar.manifest
+    return StreamCreated(
+        id=stream.id,
+        state=stream.state,
+        avatar=manifest.id,
+        voice=voice.id,
+        urls=Urls(
+            self=here,
+            whep=f"{here}/whep",
+            flv=f"{here}/live.flv",
+            mp4=f"{here}/live.mp4",
+            video=f"{here}/video.mp4",
+            events=f"{here}/events",
+        ),
+        utterance=_said(utterance) if utterance else None,
+        idle=IdleClip(
+            url=f"/v1/avatars/{manifest.id}/idle.mp4",
+            fps=manifest.fps,
+            frames=manifest.loop_frames,
+            width=manifest.width,
+            height=manifest.height,
+        ),
+        server_time_ms=_now_ms(),
+    )
+
+
+@router.post("/{stream_id}/say", status_code=202, dependencies=_JSON)
+async def say(stream_id: str, order: SayRequest, service: LoadedService) -> SayAccepted:
+    """Say more: after what is being said, or (`interrupt`) instead of it."""
+    stream = service.streams.get(stream_id)
+    service.check_length(order.text)
+    voice = service.voice(order.voice, stream.avatar).id if order.voice else None
+    utterance = stream.say(
+        order.text, interrupt=order.interrupt, voice=voice, speed=order.speed, phase=_phase(order.phase)
+    )
+    return SayAccepted(utterance=_said(utterance), server_time_ms=_now_ms())
+
+
+@router.post("/{stream_id}/interrupt", status_code=202, dependencies=_JSON)
+async def interrupt(stream_id: str, service: LoadedService) -> dict[str, str]:
+    """Cut short what is being said and forget what is queued."""
+    service.streams.get(stream_id).interrupt()
+    return {}
+
+
+@router.get("/{stream_id}")
+async def report(stream_id: str, service: LoadedService, response: Response) -> StreamReport:
+    """State, viewers, utterances with their timings, frames."""
+    response.headers["Cache-Control"] = "no-store"
+    return _report(service.streams.get(stream_id))
+
+
+@router.delete("/{stream_id}", status_code=204, response_class=Response)
+async def end(stream_id: str, service: LoadedService) -> Response:
+    """End the stream: its viewers see the end of the file. Its finished videos are deleted."""
+    await service.streams.end(stream_id)
+    return Response(status_code=204)
+
+
+@router.post("/{stream_id}/utterances/{utterance}/shown", status_code=204, dependencies=_JSON, response_class=Response)
+async def shown(stream_id: str, utterance: str, order: ShownRequest, service: LoadedService) -> Response:
+    """The browser's report of when it showed the first live frame."""
+    service.streams.get(stream_id).shown(utterance, order.milliseconds)
+    return Response(status_code=204)
+
+
+def _phase(phase: Phase | None) -> IdlePhase | None:
+    return IdlePhase(phase.frame, phase.at_ms) if phase else None
+
+
+def _said(utterance: Utterance) -> Said:
+    return Said(id=utterance.id, unread=list(utterance.unread))
+
+
+def _report(stream: LiveStream) -> StreamReport:
+    report = stream.report()
+    return StreamReport(
+        id=report.id,
+        state=report.state,
+        avatar=report.avatar,
+        voice=report.voice,
+        viewers=Viewers(**report.viewers),
+        utterances=[
+            UtteranceReport(
+                id=utterance.id,
+                state=utterance.state,
+                characters=utterance.characters,
+                unread=list(utterance.unread),
+                media=MediaTimes(start=utterance.media[0], end=utterance.media[1]) if utterance.media else None,
+                timings=dict(utterance.timings.items()),
+                error=utterance.error or None,
+            )
+            for utterance in report.utterances
+        ],
+        frames=Frames(rendered=report.rendered, dropped=report.dropped),
+    )
+
+
+def _now_ms() -> float:
+    return time.time() * 1000

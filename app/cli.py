@@ -1,0 +1,333 @@
+"""The command `mary`. An error is one line and an advice; exit code 2 if the input was wrong, 1 for anything else."""
+
+from __future__ import annotations
+
+import json
+import os
+import runpy
+import signal
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib.metadata import version
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, NoReturn
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+from rich.table import Table
+from rich.text import Text
+
+from app.config import Settings, load
+from app.errors import ConfigError, InputError, MaryError, NotFound
+from app.speech import PHONES, SILENCE, Phone, Speech
+
+if TYPE_CHECKING:
+    from app.engine.avatar import AvatarShelf
+
+# The parts behind the commands (codecs, models, compiled loops) are imported when a command needs them: `mary --help`
+# and a wrong option answer at once.
+
+app = typer.Typer(
+    name="mary", help="Text in, a talking head out.", no_args_is_help=True, add_completion=False, rich_markup_mode=None
+)
+_out = Console()
+_err = Console(stderr=True)
+
+TOLERANCE_SECONDS = 0.05
+"""How much longer than the sound given phone times may be; programs round differently."""
+
+SMALLEST_GAP_SECONDS = 0.001
+"""A shorter gap between two phones is rounding, a longer one is silence."""
+
+ConfigOption = Annotated[Path | None, typer.Option("--config", help="Settings file (default: config.yaml).")]
+
+
+def main() -> None:
+    """Run the command that the arguments name."""
+    signal.signal(signal.SIGTERM, _terminated)  # so that nothing half-written stays behind; `serve` has its own way
+    try:
+        app(prog_name="mary")
+    except MaryError as error:
+        _report(error)
+        sys.exit(2 if isinstance(error, InputError | NotFound | ConfigError) else 1)
+
+
+def _terminated(*_: object) -> NoReturn:
+    sys.exit(128 + signal.SIGTERM)
+
+
+def _report(error: MaryError) -> None:
+    _err.print(Text(f"mary: {error.message}"), soft_wrap=True)
+    if error.advice:
+        _err.print(Text(f"      {error.advice}"), soft_wrap=True)
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        _out.print(f"mary {version('mary')}", highlight=False)
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    _: Annotated[
+        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version.")
+    ] = False,
+) -> None:
+    pass
+
+
+@app.command()
+def serve(
+    config: ConfigOption = None,
+    host: Annotated[str | None, typer.Option(help="Address to listen on.")] = None,
+    port: Annotated[int | None, typer.Option(min=0, max=65535, help="Port to listen on; 0 takes a free one.")] = None,
+) -> None:
+    """Start the service: the page, the HTTP interface, live streams."""
+    settings = load(config)
+    changed = {key: value for key, value in (("host", host), ("port", port)) if value is not None}
+    settings = settings.model_copy(update={"server": settings.server.model_copy(update=changed)})
+    from app.api import logs
+    from app.api.server import serve as run
+
+    logs.configure()
+    run(settings)
+
+
+@app.command()
+def say(
+    text: Annotated[str, typer.Argument(help="What to say; - reads it from standard input.")] = "",
+    output: Annotated[Path, typer.Option("--output", "-o", help="The MP4 file to write.")] = Path("mary.mp4"),
+    avatar: Annotated[str | None, typer.Option(help="See: mary avatars.")] = None,
+    voice: Annotated[str | None, typer.Option(help="See: mary voices.")] = None,
+    speed: Annotated[float, typer.Option(min=0.5, max=2.0, help="1 is the voice's own pace.")] = 1.0,
+    audio: Annotated[Path | None, typer.Option(help="Speak this sound (needs --phones) instead of a text.")] = None,
+    phones: Annotated[Path | None, typer.Option(help="JSON list of [symbol, start, end], ARPAbet, seconds.")] = None,
+    still: Annotated[bool, typer.Option("--still", help="Keep the head at its rest pose.")] = False,
+    config: ConfigOption = None,
+) -> None:
+    """Render a text, or given sound with given phone times, into an MP4 file."""
+    settings = load(config)
+    if (audio is None) != (phones is None):
+        raise InputError("--audio and --phones go together", advice="Give both, or a text.")
+    if (audio is None) == (not text):
+        raise InputError("give either a text or --audio with --phones", advice='mary say "Hello" -o hello.mp4')
+    if output.is_dir() or not output.absolute().parent.is_dir():
+        raise InputError(f"{output} cannot be written", field="output", advice="Name a file in a folder that exists.")
+    from app.engine.background import STILL
+    from app.engine.pool import OrderedPool
+    from app.stream.clock import FPS
+    from app.stream.render import render_file
+
+    with _progress() as progress:
+        task = progress.add_task("loading", total=None)
+        face = _shelf(settings).get(avatar or settings.avatars.default)
+        if audio is not None and phones is not None:
+            speeches = iter([read_speech(audio, phones)])
+        else:
+            speeches = _spoken(settings, text, face.manifest.voice, voice, speed)
+        unread: list[str] = []
+        seconds = 0.0
+
+        def counted() -> Iterator[Speech]:
+            nonlocal seconds
+            for speech in speeches:
+                seconds += speech.duration
+                unread.extend(speech.unread)
+                progress.update(task, description="rendering", total=round(seconds * FPS))
+                yield speech
+
+        pool = OrderedPool(settings.engine.workers or len(os.sched_getaffinity(0)))
+        try:
+            render_file(
+                face,
+                counted(),
+                settings,
+                output,
+                pool,
+                loop_frame=(lambda _: STILL) if still else None,
+                on_frame=lambda frames: progress.update(task, completed=frames),
+            )
+        except OSError as error:
+            raise InputError(f"{output} cannot be written: {error.strerror or error}", field="output") from error
+        finally:
+            pool.close()
+    if unread:
+        _err.print(Text(f"left out, cannot be read: {' '.join(dict.fromkeys(unread))}"), soft_wrap=True)
+    _out.print(Text(f"{output}: {seconds:.1f} s"), soft_wrap=True)
+
+
+def _shelf(settings: Settings) -> AvatarShelf:
+    from app.engine.avatar import AvatarShelf
+
+    return AvatarShelf(settings.avatars.folder, settings.engine.renderer, settings.avatars.default)
+
+
+def _spoken(settings: Settings, text: str, preferred: str, voice: str | None, speed: float) -> Iterator[Speech]:
+    """The pieces of a text, each spoken when it is asked for."""
+    from app.tts.engine import choose_voice
+    from app.tts.narrate import narrate, plan
+    from app.tts.registry import create
+
+    planned = plan(sys.stdin.read() if text == "-" else text)
+    engine = create(settings.speech.engine)
+    chosen = choose_voice(engine, voice or "", settings.speech.voice or preferred)
+    engine.warm_up()
+    return narrate(engine, planned, voice=chosen.id, speed=speed)
+
+
+def read_speech(audio: Path, phones: Path) -> Speech:
+    """Given sound with given phone times.
+
+    Args:
+        audio: any sound file; several channels are mixed to one.
+        phones: JSON list of `[symbol, start, end]`: ARPAbet with or without stress, seconds. Gaps are silence.
+
+    Raises:
+        InputError: a file is missing or broken, or times do not fit to the sound.
+    """
+    import av
+    import numpy as np
+
+    try:
+        with av.open(str(audio)) as container:
+            if not container.streams.audio:
+                raise InputError(f"{audio} has no sound in it", field="audio")
+            rate = container.streams.audio[0].rate
+            resampler = av.AudioResampler(format="flt", layout="mono", rate=rate)
+            frames = [part for frame in container.decode(audio=0) for part in resampler.resample(frame)]
+            frames += resampler.resample(None)
+    except (OSError, av.FFmpegError) as error:
+        raise InputError(f"{audio} cannot be read as sound: {error}", field="audio") from error
+    samples = np.concatenate([frame.to_ndarray()[0] for frame in frames] or [np.zeros(0)]).astype(np.float32)
+    if len(samples) == 0:
+        raise InputError(f"{audio} is empty", field="audio")
+    try:
+        entries = json.loads(phones.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise InputError(f"{phones} cannot be read as JSON: {error}", field="phones") from error
+    return Speech(samples, rate, _gapless(entries, len(samples) / rate, phones))
+
+
+def _gapless(entries: object, duration: float, source: Path) -> tuple[Phone, ...]:
+    """Phones from 0 to `duration` seconds without gaps."""
+    given: list[Phone] = []
+    if not isinstance(entries, list):
+        raise InputError(f"{source} must hold a list", field="phones", advice='[["HH", 0.1, 0.17], …]')
+    for number, entry in enumerate(entries):
+        match entry:
+            case [str() as name, int() | float() as start, int() | float() as end] if 0 <= start < end:
+                pass
+            case _:
+                raise InputError(
+                    f"{source}: entry {number} must be [symbol, start, end] with 0 <= start < end, not {entry!r}",
+                    field="phones",
+                )
+        symbol = name.upper().rstrip("012") or SILENCE
+        if symbol not in PHONES:
+            raise InputError(
+                f"{source}: entry {number}: {name!r} is no phone", field="phones", advice=f"Known: {' '.join(PHONES)}."
+            )
+        if given and start < given[-1].end - SMALLEST_GAP_SECONDS:
+            raise InputError(f"{source}: entry {number} begins before the one before it ends", field="phones")
+        given.append(Phone(symbol, float(start), float(end)))
+    if given and given[-1].end > duration + TOLERANCE_SECONDS:
+        raise InputError(f"{source} ends at {given[-1].end:.3f} s, the sound at {duration:.3f} s", field="phones")
+    marks = [Phone(SILENCE, 0.0, 0.0), *given, Phone(SILENCE, duration, duration)]
+    filled: list[Phone] = []
+    for before, phone in pairwise(marks):
+        start = before.end
+        if phone.start - start > SMALLEST_GAP_SECONDS:
+            filled.append(Phone(SILENCE, start, phone.start))
+            start = phone.start
+        if phone.end > start:
+            filled.append(Phone(phone.symbol, start, phone.end))
+    last = filled[-1]
+    filled[-1] = Phone(last.symbol, last.start, duration)
+    return tuple(phone for phone in filled if phone.end > phone.start)
+
+
+@app.command()
+def voices(config: ConfigOption = None) -> None:
+    """List the voices of the speech engine."""
+    from app.tts.registry import create
+
+    engine = create(load(config).speech.engine)
+    table = Table("voice", "name", "language", "sex", "licence", "", box=None, pad_edge=False)
+    for voice in engine.voices():
+        note = "" if voice.installed else f"needs {voice.missing}"
+        table.add_row(voice.id, voice.name, voice.language, voice.sex, voice.licence, note)
+    _out.print(table)
+
+
+@app.command()
+def avatars(config: ConfigOption = None) -> None:
+    """List the avatars."""
+    settings = load(config)
+    shelf = _shelf(settings)
+    table = Table("avatar", "title", "picture", "voice", "licence", "", box=None, pad_edge=False)
+    for name in shelf.ids():
+        try:
+            manifest = shelf.manifest(name)
+        except MaryError as error:
+            table.add_row(name, "", "", "", "", Text(error.message, style="red"))
+            continue
+        note = "default" if name == settings.avatars.default else ""
+        size = f"{manifest.width}x{manifest.height}, {manifest.fps:g} fps"
+        table.add_row(name, manifest.title, size, manifest.voice, manifest.licence, note)
+    _out.print(table)
+
+
+@app.command()
+def train(
+    recording: Annotated[Path, typer.Argument(help="Folder with the recording.")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder of the avatar to write.")],
+    identity: Annotated[Path | None, typer.Option(help="Who it is (default: avatar.json in the recording).")] = None,
+    leave_out: Annotated[str, typer.Option(help="Sentences not to learn from, e.g. 0,5: for open tests.")] = "",
+    seed: Annotated[int, typer.Option(help="Same seed, same avatar.")] = 0,
+) -> None:
+    """Make an avatar of a recording."""
+    if not recording.is_dir():
+        raise InputError(f"{recording} is no folder", field="recording", advice="Name a folder with a recording.")
+    try:
+        left_out = [int(number) for number in leave_out.split(",") if number.strip()]
+    except ValueError as error:
+        raise InputError(f"--leave-out takes numbers, not {leave_out!r}", field="leave_out") from error
+    from app.engine.training.train import train as run
+
+    with _progress() as progress:
+        task = progress.add_task("reading", total=1.0)
+
+        def show(stage: str, done: float) -> None:
+            progress.update(task, description=stage, completed=done)
+
+        run(recording, output, identity=identity, leave_out=left_out, seed=seed, progress=show)
+    _out.print(Text(f"{output} is ready"), soft_wrap=True)
+
+
+@app.command()
+def bench(
+    names: Annotated[list[str] | None, typer.Argument(help="Which measurements; none: all.")] = None,
+) -> None:
+    """Print the measurements, each with its baseline (needs the repository)."""
+    root = Path(__file__).resolve().parent.parent
+    if not (root / "bench" / "__main__.py").is_file():
+        raise NotFound("there is no bench here", advice="Run it in a clone of the repository: make bench.")
+    sys.path.insert(0, str(root))
+    sys.argv = ["bench", *(names or [])]
+    runpy.run_module("bench", run_name="__main__", alter_sys=True)
+
+
+@contextmanager
+def _progress() -> Iterator[Progress]:
+    """A bar on standard error while something long goes on; it is gone afterwards."""
+    columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=_err, transient=True, disable=not _err.is_terminal) as progress:
+        yield progress
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,63 @@
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+
+import pytest
+
+from app.api.service import Service
+from app.config import Settings
+from app.errors import NotFound, OverCapacity, TooLong
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def settings(**sections: dict[str, object]) -> Settings:
+    chosen: dict[str, dict[str, object]] = {"avatars": {"folder": ROOT / "avatars"}, "speech": {"engine": "mock"}}
+    return Settings.model_validate(chosen | sections)
+
+
+async def test_it_loads_beside_the_event_loop_and_ends() -> None:
+    service = Service(settings(limits={"text": 5}))
+    service.start()
+    assert not service.ready
+    await asyncio.gather(service.loaded(), service.loaded())
+    assert service.ready
+    avatar = await service.avatar(None)
+    assert avatar.manifest.id == "mary"
+    assert service.voice(None, avatar).engine == "mock"
+    with pytest.raises(NotFound):
+        await service.avatar("../mary")
+    with pytest.raises(NotFound):
+        service.voice("nobody", avatar)
+    service.check_length("12345")
+    with pytest.raises(TooLong, match="6 characters"):
+        service.check_length("123456")
+    await service.close()
+    await service.close()
+    assert not service.ready
+    with pytest.raises(OverCapacity, match="stopping"):
+        await service.loaded()
+
+
+async def test_what_cannot_be_loaded_is_reported() -> None:
+    told = asyncio.Event()
+    service = Service(settings(speech={"engine": "parrot"}))
+    service.on_failure = told.set
+    service.start()
+    with pytest.raises(OverCapacity):
+        await service.loaded()
+    assert told.is_set()
+    assert isinstance(service.failure, NotFound)
+    await service.close()
+
+
+async def test_it_can_be_closed_while_it_loads() -> None:
+    service = Service(settings())
+    service.start()
+    early = asyncio.create_task(service.loaded())
+    await asyncio.sleep(0)
+    await service.close()
+    with pytest.raises(OverCapacity):
+        await early
+    assert service.failure is None

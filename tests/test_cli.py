@@ -1,0 +1,222 @@
+"""The command `mary`, run as people run it: in a process of its own."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+import wave
+from pathlib import Path
+
+import av
+import numpy as np
+import pytest
+
+from app.cli import read_speech
+from app.errors import InputError
+from app.speech import Phone
+
+ROOT = Path(__file__).resolve().parent.parent
+FPS = 25
+RATE = 16_000
+
+
+def command(*arguments: str, folder: Path) -> tuple[list[str], dict[str, object]]:
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("MARY_")}
+    environment |= {"MARY_SPEECH__ENGINE": "mock", "COLUMNS": "200"}
+    return [sys.executable, "-m", "app", *arguments], {"cwd": folder, "env": environment}
+
+
+@pytest.fixture
+def mary(tmp_path: Path):
+    def run(*arguments: str, text: str = "") -> subprocess.CompletedProcess[str]:
+        call, options = command(*arguments, folder=tmp_path)
+        return subprocess.run(call, **options, input=text, capture_output=True, text=True, timeout=90, check=False)  # type: ignore[call-overload, no-any-return]
+
+    return run
+
+
+@pytest.fixture
+def sound(tmp_path: Path) -> Path:
+    """Two seconds of a tone."""
+    path = tmp_path / "speech.wav"
+    samples = (8000 * np.sin(np.arange(2 * RATE) * 0.1)).astype("<i2")
+    with wave.open(str(path), "wb") as file:
+        file.setnchannels(1)
+        file.setsampwidth(2)
+        file.setframerate(RATE)
+        file.writeframes(samples.tobytes())
+    return path
+
+
+@pytest.fixture
+def written(tmp_path: Path):
+    def write(entries: object) -> Path:
+        path = tmp_path / "phones.json"
+        path.write_text(entries if isinstance(entries, str) else json.dumps(entries))
+        return path
+
+    return write
+
+
+def pictures(path: Path) -> list[np.ndarray]:
+    with av.open(str(path)) as container:
+        return [frame.to_ndarray(format="gray") for frame in container.decode(video=0)]
+
+
+def test_help_names_all_commands(mary) -> None:
+    shown = mary("--help")
+    assert shown.returncode == 0
+    for name in ("serve", "say", "voices", "avatars", "train", "bench"):
+        assert name in shown.stdout
+
+
+def test_the_version(mary) -> None:
+    assert mary("--version").stdout.startswith("mary 0.")
+
+
+def test_the_command_is_installed() -> None:
+    program = Path(sys.executable).parent / "mary"
+    assert subprocess.run([program, "--version"], capture_output=True, check=True).stdout.startswith(b"mary ")
+
+
+def test_a_text_becomes_a_file(mary, tmp_path: Path) -> None:
+    said = mary("say", "Hello, world. 🙂", "-o", "hello.mp4")
+    assert said.returncode == 0, said.stderr
+    assert "🙂" in said.stderr
+    with av.open(str(tmp_path / "hello.mp4")) as container:
+        assert [stream.codec_context.name for stream in container.streams] == ["h264", "aac"]
+    assert len(pictures(tmp_path / "hello.mp4")) > FPS / 2
+    assert [path.name for path in tmp_path.iterdir()] == ["hello.mp4"]
+
+
+def test_a_text_can_come_from_standard_input(mary, tmp_path: Path) -> None:
+    assert mary("say", "-", "-o", "hello.mp4", "--speed", "2", text="Hello.").returncode == 0
+    assert (tmp_path / "hello.mp4").exists()
+
+
+def test_given_sound_is_spoken_with_the_head_still(mary, sound: Path, written, tmp_path: Path) -> None:
+    phones = written([["HH", 0.5, 0.6], ["AA", 0.6, 1.2], ["M", 1.2, 1.4]])
+    said = mary("say", "--audio", str(sound), "--phones", str(phones), "--still", "-o", "out.mp4")
+    assert said.returncode == 0, said.stderr
+    frames = pictures(tmp_path / "out.mp4")
+    assert abs(len(frames) - 2 * FPS) <= 6  # two seconds, and the mouth closing
+    # Above the eyes and in the corners nothing moves: differences are the encoder's alone.
+    top = np.stack([frame[:64] for frame in frames[: 2 * FPS]]).astype(int)
+    assert np.abs(top - top[0]).mean() < 1.0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["say"], "text"),
+        (["say", ""], "text"),
+        (["say", "🙂"], "nothing to say"),
+        (["say", "Hello", "--avatar", "nobody"], "nobody"),
+        (["say", "Hello", "--avatar", "../mary"], "../mary"),
+        (["say", "Hello", "--voice", "nobody"], "nobody"),
+        (["say", "Hello", "--speed", "9"], "--speed"),
+        (["say", "Hello", "-o", "no/such/folder/x.mp4"], "no/such/folder"),
+        (["say", "Hello", "-o", "."], "cannot be written"),
+        (["say", "--audio", "x.wav"], "--phones"),
+        (["say", "--audio", "x.wav", "--phones", "x.json"], "x.wav"),
+        (["say", "Hello", "--config", "nothing.yaml"], "nothing.yaml"),
+        (["train", "nothing", "-o", "out"], "nothing"),
+        (["serve", "--port", "70000"], "--port"),
+        (["sing"], "sing"),
+    ],
+)
+def test_wrong_input_is_one_line_and_exit_code_2(mary, tmp_path: Path, arguments: list[str], words: str) -> None:
+    ended = mary(*arguments)
+    assert ended.returncode == 2
+    assert words in ended.stderr
+    assert "Traceback" not in ended.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_broken_recording_is_exit_code_1(mary, tmp_path: Path) -> None:
+    (tmp_path / "recording").mkdir()
+    ended = mary("train", "recording", "-o", "out")
+    assert ended.returncode == 1
+    assert "Traceback" not in ended.stderr
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(("sent", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_stopped_it_leaves_nothing(tmp_path: Path, sent: signal.Signals, code: int) -> None:
+    long = "This goes on and on, one word after another, until somebody stops it. " * 60
+    call, options = command("say", long, "-o", "long.mp4", folder=tmp_path)
+    with subprocess.Popen(call, **options, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:  # type: ignore[call-overload]
+        give_up = time.monotonic() + 60
+        while not list(tmp_path.iterdir()):  # the file being written, beside its place
+            assert process.poll() is None
+            assert time.monotonic() < give_up
+            time.sleep(0.02)
+        time.sleep(0.5)
+        process.send_signal(sent)
+        _, errors = process.communicate(timeout=30)
+    assert process.returncode == code
+    assert b"Traceback" not in errors
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_voices_and_avatars_are_listed(mary) -> None:
+    assert "mock" in mary("voices").stdout
+    listed = mary("avatars").stdout
+    assert "mary" in listed
+    assert "512x512" in listed
+
+
+def test_phones_are_made_gapless(sound: Path, written) -> None:
+    speech = read_speech(sound, written([["hh", 0.5, 0.6], ["AA1", 0.6, 1.2], ["", 1.2, 1.3], ["M", 1.5, 1.7]]))
+    assert speech.rate == RATE
+    assert speech.samples.dtype == np.float32
+    assert len(speech.samples) == 2 * RATE
+    assert 0.2 < np.abs(speech.samples).max() <= 1
+    assert speech.phones == (
+        Phone("SIL", 0, 0.5),
+        Phone("HH", 0.5, 0.6),
+        Phone("AA", 0.6, 1.2),
+        Phone("SIL", 1.2, 1.3),
+        Phone("SIL", 1.3, 1.5),
+        Phone("M", 1.5, 1.7),
+        Phone("SIL", 1.7, 2.0),
+    )
+
+
+def test_no_phones_are_silence(sound: Path, written) -> None:
+    assert read_speech(sound, written([])).phones == (Phone("SIL", 0, 2.0),)
+
+
+def test_rounding_between_phones_is_no_silence(sound: Path, written) -> None:
+    speech = read_speech(sound, written([["AA", 0, 1.0], ["IY", 1.0004, 2.02]]))
+    assert speech.phones == (Phone("AA", 0, 1.0), Phone("IY", 1.0, 2.0))
+
+
+@pytest.mark.parametrize(
+    ("entries", "words"),
+    [
+        ("{", "JSON"),
+        ({"phones": []}, "list"),
+        ([["AA", 0]], "entry 0"),
+        ([["AA", 0, 1], "M"], "entry 1"),
+        ([["AA", 1, 1]], "entry 0"),
+        ([["AA", -1, 1]], "entry 0"),
+        ([["QQ", 0, 1]], "QQ"),
+        ([["AA", 0, 1], ["M", 0.5, 1.5]], "before"),
+        ([["AA", 0, 3]], "3.000"),
+    ],
+)
+def test_wrong_phones_are_explained(sound: Path, written, entries: object, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        read_speech(sound, written(entries))
+
+
+def test_what_is_no_sound_is_explained(tmp_path: Path, written) -> None:
+    broken = tmp_path / "broken.wav"
+    broken.write_bytes(b"RIFF no, this is not")
+    with pytest.raises(InputError, match="cannot be read as sound"):
+        read_speech(broken, written([]))
