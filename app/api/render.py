@@ -8,6 +8,7 @@ import tempfile
 import threading
 from collections.abc import Iterator
 from pathlib import Path
+from urllib.parse import quote
 
 from fastapi import APIRouter, Depends, Request
 from fastapi.responses import FileResponse, Response
@@ -24,6 +25,11 @@ from app.stream.render import render_file
 from app.tts.narrate import Plan, narrate, plan
 
 router = APIRouter(prefix="/v1", tags=["render"])
+
+UNREAD_HEADER = "Mary-Unread"
+"""What of the text could not be read aloud, percent-encoded and separated by commas; the body is the file."""
+UNREAD_MOST = 2048
+"""Characters of that header: proxies refuse long ones."""
 
 
 class _AbandonedError(Exception):
@@ -54,9 +60,10 @@ async def render(order: RenderRequest, request: Request, service: LoadedService)
     try:
         await asyncio.wait({work, gone, closing}, return_when=asyncio.FIRST_COMPLETED)
         if work.done():
-            return OnceFile(
-                work.result(), media_type="video/mp4", headers={"Cache-Control": "no-store"}, filename="mary.mp4"
-            )
+            headers = {"Cache-Control": "no-store"}
+            if planned.unread:
+                headers[UNREAD_HEADER] = ", ".join(quote(piece, safe="") for piece in planned.unread)[:UNREAD_MOST]
+            return OnceFile(work.result(), media_type="video/mp4", headers=headers, filename="mary.mp4")
         if closing.done():
             raise OverCapacity("the service is stopping", advice="Try again in a moment.")
         return Response(status_code=499)  # reaches nobody; the log shows it

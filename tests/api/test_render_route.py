@@ -50,3 +50,10 @@ def test_when_the_caller_hangs_up_the_work_stops(server: str, running, curl, cur
         time.sleep(0.05)
     # and the place it took is free again
     assert curl(f"{server}/v1/render", "--json", '{"text": "Next."}').status == 200
+
+
+def test_what_cannot_be_read_is_named_in_a_header(server: str, curl) -> None:
+    answer = curl(f"{server}/v1/render", "--json", '{"text": "Hello 😀, 你好."}')
+    assert answer.status == 200
+    assert answer.headers["mary-unread"] == "%F0%9F%98%80, %E4%BD%A0%E5%A5%BD"
+    assert "mary-unread" not in curl(f"{server}/v1/render", "--json", '{"text": "Hello."}').headers
