@@ -1,0 +1,131 @@
+// Speaking over WebRTC: one stream and one connection, kept for many utterances.
+
+import { StreamEvents } from "./events.js";
+import { WebRtcFailed, WhepViewer } from "./whep.js";
+
+const LEARNING = 0.6;
+const MAX_LEAD_MS = 300;
+const ENDED = [404, 410]; // the stream is not there any more
+
+export class RtcTransport {
+  name = "webrtc";
+  lead = 0; // ms by which the live background must run ahead to arrive in step with the idle clip
+  #api;
+  #seam;
+  #idle;
+  #video;
+  #sound;
+  #session = null; // promise of {stream, viewer, events}
+  #iceServers = [];
+
+  /** Called with (name, data) for every event of the service. */
+  onEvent = () => {};
+  /** Called with an Error when the connection dies. */
+  onLost = () => {};
+
+  constructor({ api, seam, idle, video, sound }) {
+    this.#api = api;
+    this.#seam = seam;
+    this.#idle = idle;
+    this.#video = video;
+    this.#sound = sound;
+  }
+
+  /** Connects, so that the first utterance need not wait for it. Does nothing when connected. */
+  prepare(avatar) {
+    if (!this.#session) {
+      const session = this.#open(avatar);
+      this.#session = session;
+      session.catch(() => {
+        if (this.#session === session) this.#session = null;
+      });
+    }
+    return this.#session;
+  }
+
+  /** Has `words` said; returns `{stream, utterance}`. A stream that has ended meanwhile is replaced. */
+  async say(avatar, words, phase) {
+    for (let attempt = 0; ; attempt += 1) {
+      const session = await this.prepare(avatar);
+      this.#sound.play();
+      this.#seam.expect();
+      try {
+        const utterance = await this.#api.say(session.stream, { ...words, interrupt: true, phase: phase() });
+        return { stream: session.stream, utterance };
+      } catch (error) {
+        if (!ENDED.includes(error.status) || attempt > 0) throw error;
+        this.close({ ended: true });
+      }
+    }
+  }
+
+  /** The live picture turned out to be `ahead` frames ahead of the idle clip. */
+  measured(ahead) {
+    const lead = this.lead - (ahead * LEARNING * 1000) / this.#idle.fps;
+    this.lead = Math.max(-MAX_LEAD_MS, Math.min(MAX_LEAD_MS, lead));
+  }
+
+  /** Cuts short what is being said. */
+  async stop() {
+    const session = await this.#session;
+    if (session) await this.#api.interrupt(session.stream);
+  }
+
+  /** Gives the stream back; `ended`: it has ended already. */
+  close({ ended = false } = {}) {
+    const session = this.#session;
+    this.#session = null;
+    session?.then(
+      ({ stream, viewer, events }) => {
+        events.close();
+        viewer.close();
+        if (!ended) this.#api.end(stream);
+        if (this.#session === null && this.#video.srcObject === viewer.media) this.#video.srcObject = null;
+      },
+      () => {},
+    );
+  }
+
+  async #open(avatar) {
+    if (!globalThis.RTCPeerConnection) throw new WebRtcFailed("This browser has no WebRTC.");
+    const stream = await this.#api.createStream({ avatar, idle: "local" });
+    let lost = false;
+    const lose = (error, ended) => {
+      if (lost) return;
+      lost = true;
+      this.close({ ended });
+      this.onLost(error);
+    };
+    const onEvent = (name, data) => {
+      if (name === "state" && data.state === "ended") lose(new Error("The service has ended the stream."), true);
+      else this.onEvent(name, data);
+    };
+    const events = new StreamEvents(stream.urls.events, onEvent, () => lose(new Error("The stream has ended."), true));
+    try {
+      const viewer = await this.#connect(stream.urls.whep, () => lose(new WebRtcFailed("The WebRTC connection was lost."), false));
+      this.#video.removeAttribute("src");
+      this.#video.srcObject = viewer.media;
+      this.#seam.sourceChanged();
+      this.#sound.play();
+      return { stream, viewer, events };
+    } catch (error) {
+      events.close();
+      this.#api.end(stream);
+      throw error;
+    }
+  }
+
+  async #connect(url, onLost) {
+    for (let attempt = 0; ; attempt += 1) {
+      const viewer = new WhepViewer(this.#iceServers, onLost);
+      try {
+        await viewer.connect(url);
+        return viewer;
+      } catch (error) {
+        // The service names its STUN and TURN servers only in its answer; with them the second try may succeed.
+        if (attempt > 0 || !error.iceServers?.length || this.#iceServers.length) throw error;
+        this.#iceServers = error.iceServers;
+      }
+    }
+  }
+}

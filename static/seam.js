@@ -1,0 +1,210 @@
+// The seam between the idle clip and the live picture. Both videos lie on top of each other; this decides which one is
+// seen, changes over exactly with a new live frame, and keeps the covered idle clip in step with the live background, so
+// that the way back shows no jump either.
+
+import { watchFrames } from "./frames.js";
+import { difference, PhaseTracker } from "./phase.js";
+
+const SETTLING_FRAMES = 4; // live frames after which the difference between the two loops is measured
+const RTP_CLOCK = 90_000; // Hz
+
+export class Seam {
+  #picture;
+  #video;
+  #idle;
+  #clock;
+  #expected = null; // {hold, first}: a new live frame is to be shown
+  #showing = false;
+  #position = null; // seconds on the live picture's own clock, of its last frame
+  #rtp = null;
+  #origin = null; // {position, media}: where the two clocks meet
+  #started = null; // the service's speak_started
+  #startedFor = null; // what was expected when it came
+  #ended = null;
+  #patience = 0;
+  #liveTracker = null;
+  #framesShown = 0;
+  #returnTimer = 0;
+  #watchdog = 0;
+
+  /** Called with the page time at which the first live frame of an expected utterance is seen. */
+  onShown = () => {};
+  /** Called when a held live picture has its first frame ready; the answer is to start it and call `release()`. */
+  onReady = () => {};
+  /** Called with how many frames the live background was ahead of the idle clip at the change. */
+  onMeasured = () => {};
+  /** Called when the idle clip is seen again. */
+  onReturned = () => {};
+
+  /** picture: the element that holds both videos; its `data-shown` ("idle" or "live") is what the style sheet goes by. */
+  constructor(picture, video, idle, clock) {
+    this.#picture = picture;
+    this.#video = video;
+    this.#idle = idle;
+    this.#clock = clock;
+    this.#picture.dataset.shown = "idle";
+    watchFrames(video, (time, metadata) => this.#onFrame(time, metadata));
+  }
+
+  get showing() {
+    return this.#showing;
+  }
+
+  get expecting() {
+    return this.#expected !== null;
+  }
+
+  /** Loop frame at which the live picture begins, once the service has said so. */
+  get firstLoopFrame() {
+    return this.#started?.loop_frame ?? null;
+  }
+
+  /** The live video got another source: its clock begins anew. */
+  sourceChanged() {
+    this.#position = null;
+    this.#rtp = null;
+  }
+
+  /**
+   * The next new live frame is to be seen; the last frame of an earlier utterance, still in the element, is not new.
+   * hold: do not show it but call `onReady`. patience: ms past its due time after which a missing last frame is given up.
+   */
+  expect({ hold = false, patience = 600 } = {}) {
+    if (!this.#showing) this.#started = null;
+    this.#expected = { hold, first: null };
+    this.#patience = patience;
+  }
+
+  /** speak_started of the service: `{utterance, media_time, loop_frame}`. */
+  started(event) {
+    if (event.utterance === this.#started?.utterance) return; // told again after a reconnection
+    this.#started = event;
+    this.#startedFor = this.#expected;
+    this.#ended = null;
+    this.#stopTimers();
+    if (this.#origin && this.#origin.media === null) this.#origin.media = event.media_time;
+    if (this.#expected && !this.#expected.hold && document.hidden) this.#show(performance.now()); // hidden tabs see no frames
+  }
+
+  /**
+   * speak_ended of the service: `{utterance, media_time, wall_ms}`; the idle clip comes back after the last frame.
+   * Returns whether it was about the utterance being shown or expected here.
+   */
+  ended(event) {
+    if (this.#started?.utterance !== event.utterance) return false;
+    this.#ended = event;
+    const awaited = this.#startedFor;
+    const due = Math.max(0, event.wall_ms - this.#clock.at(performance.now()));
+    this.#watchdog = setTimeout(() => {
+      if (this.#showing) this.cut();
+      else if (this.#expected === awaited) {
+        this.abandon();
+        this.onReturned();
+      }
+    }, due + this.#patience);
+    this.#checkEnd(performance.now());
+    return true;
+  }
+
+  /** The held picture is starting: its next new frame is to be seen. */
+  release() {
+    if (!this.#expected) return;
+    this.#expected.hold = false;
+    if (document.hidden) this.#show(performance.now());
+  }
+
+  #show(time) {
+    const first = this.#expected.first ?? this.#position ?? 0;
+    this.#expected = null;
+    if (!this.#showing) {
+      this.#showing = true;
+      this.#framesShown = 0;
+      this.#origin = { position: first, media: this.#started?.media_time ?? null };
+      this.#liveTracker = new PhaseTracker(this.#idle.fps, this.#idle.frames);
+      this.#picture.dataset.shown = "live";
+    }
+    this.onShown(time);
+  }
+
+  /** Shows the idle clip at once. */
+  cut() {
+    this.#stopTimers();
+    this.#idle.unfollow();
+    this.#started = null;
+    this.#ended = null;
+    this.#origin = null;
+    if (!this.#showing) return;
+    this.#showing = false;
+    this.#picture.dataset.shown = "idle";
+    this.onReturned();
+  }
+
+  /** Forgets what was expected and shows the idle clip. */
+  abandon() {
+    this.#expected = null;
+    this.#ended = null;
+    this.cut();
+  }
+
+  #stopTimers() {
+    clearTimeout(this.#returnTimer);
+    clearTimeout(this.#watchdog);
+    this.#returnTimer = 0;
+  }
+
+  #onFrame(time, metadata) {
+    const position = this.#positionOf(metadata);
+    if (position === this.#position) return; // drawn again, not new
+    this.#position = position;
+    if (this.#showing) {
+      this.#onLiveFrame(time);
+    } else if (this.#expected?.hold) {
+      this.#expected.first ??= position;
+      this.onReady();
+    } else if (this.#expected) {
+      this.#show(time);
+      this.#onLiveFrame(time);
+    }
+  }
+
+  #positionOf({ rtpTimestamp, mediaTime }) {
+    if (rtpTimestamp === undefined) return mediaTime;
+    if (this.#rtp === null) this.#position = 0;
+    const step = this.#rtp === null ? 1 : (rtpTimestamp - this.#rtp) | 0; // wraps after 13 hours
+    this.#rtp = rtpTimestamp;
+    return this.#position + step / RTP_CLOCK;
+  }
+
+  #onLiveFrame(time) {
+    this.#framesShown += 1;
+    const media = this.#mediaTime();
+    if (media !== null && this.#started) {
+      const beat = (media - this.#started.media_time) * this.#idle.fps;
+      if (this.#expected && this.#expected === this.#startedFor && beat > -0.5) this.#show(time); // an utterance that follows one still being seen
+      this.#liveTracker.observe(this.#started.loop_frame + beat, time);
+      if (this.#framesShown === SETTLING_FRAMES) this.#settle(time);
+    }
+    this.#checkEnd(time);
+  }
+
+  #mediaTime() {
+    if (!this.#origin || this.#origin.media === null) return null;
+    return this.#origin.media + this.#position - this.#origin.position;
+  }
+
+  #settle(time) {
+    const live = this.#liveTracker.at(time);
+    const idle = this.#idle.at(time);
+    if (live !== null && idle !== null) this.onMeasured(difference(live, idle, this.#idle.frames));
+    this.#idle.follow((now) => this.#liveTracker.at(now));
+  }
+
+  #checkEnd(time) {
+    const media = this.#mediaTime();
+    if (!this.#ended || media === null || this.#returnTimer) return;
+    const frameSeconds = 1 / this.#idle.fps;
+    if (media < this.#ended.media_time - 1.25 * frameSeconds) return;
+    const delay = Math.max(0, time + 1000 * frameSeconds - performance.now());
+    this.#returnTimer = setTimeout(() => this.cut(), delay);
+  }
+}
