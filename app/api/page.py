@@ -17,6 +17,9 @@ FOLDER = Path(__file__).resolve().parents[2] / "static"
 _CHECK_FIRST = {"Cache-Control": "no-cache"}
 """Browsers may keep the files, but ask whether they have changed: after an update nobody runs half of the old page."""
 
+_POLICY = "default-src 'self'; media-src 'self' blob:; img-src 'self' data:; object-src 'none'; frame-ancestors 'self'"
+"""The page needs nothing from anywhere else; its live video comes from a MediaSource, which has a blob: address."""
+
 router = APIRouter(include_in_schema=False)
 
 
@@ -27,7 +30,7 @@ async def index() -> FileResponse:
     file = FOLDER / "index.html"
     if not file.is_file():
         raise NotFound("the page is not installed", advice="Start the service from the repository: make serve.")
-    return FileResponse(file, headers=_CHECK_FIRST)
+    return FileResponse(file, headers=_CHECK_FIRST | {"Content-Security-Policy": _POLICY})
 
 
 def mount(app: FastAPI) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -26,10 +26,10 @@ class EventBoard:
         self._listeners: set[asyncio.Queue[Event | None]] = set()
         self._closed = False
 
-    def post(self, name: str, **data: Any) -> None:
+    def post(self, event: Event) -> None:
         """Tell all listeners; never blocks."""
         for queue in self._listeners:
-            _put(queue, Event(name, data))
+            _put(queue, event)
 
     def close(self) -> None:
         """End all listeners' iterations after what is queued."""
@@ -37,10 +37,11 @@ class EventBoard:
         for queue in self._listeners:
             _put(queue, None)
 
-    async def listen(self, first: Callable[[], Event]) -> AsyncIterator[Event]:
-        """Every event from the first iteration on, until the board is closed; `first` makes the one to begin with."""
+    async def listen(self, first: Callable[[], Iterable[Event]]) -> AsyncIterator[Event]:
+        """Every event from the first iteration on, until the board is closed; `first` makes those to begin with."""
         queue: asyncio.Queue[Event | None] = asyncio.Queue(QUEUED_EVENTS)
-        queue.put_nowait(first())
+        for event in first():
+            queue.put_nowait(event)
         if self._closed:
             queue.put_nowait(None)
         self._listeners.add(queue)

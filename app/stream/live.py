@@ -240,8 +240,15 @@ class LiveStream:
         await self._audience.leave(viewer)
 
     def events(self) -> AsyncIterator[Event]:
-        """What happens from the first iteration on, the present state first; ends with the stream."""
-        return self._events.listen(lambda: Event("state", {"state": self._state}))
+        """What happens from the first iteration on; ends with the stream.
+
+        First come the present state and, if something is being said, its `speak_started` once more.
+        """
+        return self._events.listen(self._present)
+
+    def _present(self) -> list[Event]:
+        started = self._program.started
+        return [Event("state", {"state": self._state}), *([started] if started is not None else [])]
 
     def report(self) -> StreamReport:
         """The present state."""
@@ -297,7 +304,7 @@ class LiveStream:
         self._lane.close()
         await asyncio.to_thread(self._lane.wait)
         self._state = "ended"
-        self._events.post("state", state="ended")
+        self._events.post(Event("state", {"state": "ended"}))
         self._events.close()
         self._broadcast.close()
         await self._audience.close(PLAY_OUT_SECONDS if self._ended_by_itself else 0.0)
@@ -341,12 +348,17 @@ class LiveStream:
             current = self._program.current
             if current is not None and current.end is None:
                 timeline.fill(now, current)
-            elif self._audience.present and self.options.idle == "stream":
+            elif self._audience.present and self.options.idle == "stream" and not self._finale:
                 timeline.fill(now, None)
             for position, block in timeline.sound(now):
                 self._send_sound(position, block)
         self._program.finish_files(self._film.passed)
         self._update_state()
+
+    @property
+    def _finale(self) -> bool:
+        # A stream that ends by itself ends with its last word: no idle picture outlasts the sound.
+        return self.options.once and self._program.last_words
 
     def _may_start(self, utterance: Utterance, now: float) -> bool:
         waited = now - utterance.received >= self._settings.stream.start_seconds
@@ -385,7 +397,7 @@ class LiveStream:
             state = "waiting"
         if state != self._state:
             self._state = state
-            self._events.post("state", state=state)
+            self._events.post(Event("state", {"state": state}))
 
     def _audience_changed(self) -> None:
         if self._audience.present:

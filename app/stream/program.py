@@ -15,7 +15,7 @@ from app.config import Settings
 from app.errors import NotFound, OverCapacity, SpeechFailed
 from app.stream.clock import FPS
 from app.stream.encoder import AacEncoder, VideoEncoder
-from app.stream.events import EventBoard
+from app.stream.events import Event, EventBoard
 from app.stream.narration import Narration
 from app.stream.packet import Packet
 from app.stream.pieces import Piece
@@ -58,6 +58,7 @@ class Program:
         self._audio = audio
         self._settings = settings
         self._events = events
+        self.started: Event | None = None
         self._on_change = on_change
         self._loop = asyncio.get_running_loop()
         self._queue: deque[Utterance] = deque()
@@ -78,6 +79,12 @@ class Program:
     def busy(self) -> bool:
         """Something is being said, waits to be said, or is being written."""
         return bool(self.current or self._queue or self._open)
+
+    @property
+    def last_words(self) -> bool:
+        """Everything said so far has its place on the clock, and nothing is queued."""
+        current = self.current
+        return bool(self.utterances) and not self._queue and (current is None or current.end is not None)
 
     def check_room(self) -> None:
         """Raise OverCapacity if nothing more can be queued."""
@@ -217,7 +224,7 @@ class Program:
     def _fail(self, utterance: Utterance, error: BaseException) -> None:
         utterance.fail(error)
         _log.warning("an utterance failed: %s", type(error).__name__)
-        self._events.post("error", utterance=utterance.id, message=utterance.error)
+        self._events.post(Event("error", {"utterance": utterance.id, "message": utterance.error}))
 
     # --- on the clock -------------------------------------------------------------------------------------------------
 
@@ -253,9 +260,8 @@ class Program:
             utterance.last = utterance.base + piece.frame + len(piece.coefficients)
             if utterance.start is None:
                 utterance.start = utterance.base
-                self._post(
-                    "speak_started", utterance, timeline, utterance.base, loop_frame=timeline.loop_frame(utterance.base)
-                )
+                loop_frame = timeline.loop_frame(utterance.base)
+                self.started = self._post("speak_started", utterance, timeline, utterance.base, loop_frame=loop_frame)
         if utterance.narrated and utterance.error:
             self._close(utterance, timeline, timeline.close_mouth(now, utterance), "failed")
         elif utterance.narrated:
@@ -274,6 +280,7 @@ class Program:
         if utterance.recording is not None:
             utterance.recording.end_at(end)
         if state != "speaking":
+            self.started = None
             self._post("speak_ended", utterance, timeline, end, reason=state)
 
     def _finish_current(self, timeline: Timeline[Utterance], now: float) -> None:
@@ -283,11 +290,14 @@ class Program:
         self.current = None
         if current.state == "speaking":
             current.state = "done"
+            self.started = None
             self._post("speak_ended", current, timeline, current.end, reason="done")
 
-    def _post(self, name: str, utterance: Utterance, timeline: Timeline[Utterance], frame: int, **more: Any) -> None:
+    def _post(self, name: str, utterance: Utterance, timeline: Timeline[Utterance], frame: int, **more: Any) -> Event:
         wall_ms = timeline.clock.wall_ms(frame)
-        self._events.post(name, utterance=utterance.id, media_time=frame / FPS, wall_ms=wall_ms, **more)
+        event = Event(name, {"utterance": utterance.id, "media_time": frame / FPS, "wall_ms": wall_ms, **more})
+        self._events.post(event)
+        return event
 
     def _forget_oldest(self) -> None:
         while len(self.utterances) > KEPT_UTTERANCES:

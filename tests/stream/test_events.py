@@ -5,8 +5,8 @@ import asyncio
 from app.stream.events import QUEUED_EVENTS, Event, EventBoard
 
 
-def first() -> Event:
-    return Event("state", {"state": "idle"})
+def first() -> list[Event]:
+    return [Event("state", {"state": "idle"})]
 
 
 async def collect(board: EventBoard) -> list[Event]:
@@ -15,23 +15,23 @@ async def collect(board: EventBoard) -> list[Event]:
 
 async def test_every_listener_hears_everything_from_when_it_began_to_the_end() -> None:
     board = EventBoard()
-    board.post("before")
+    board.post(Event("before"))
     listeners = [asyncio.create_task(collect(board)) for _ in range(2)]
     await asyncio.sleep(0)
-    board.post("error", message="x")
+    board.post(Event("error", {"message": "x"}))
     board.close()
     for listener in listeners:
-        assert await listener == [first(), Event("error", {"message": "x"})]
-    assert await collect(board) == [first()]
+        assert await listener == [*first(), Event("error", {"message": "x"})]
+    assert await collect(board) == first()
     assert not board._listeners
 
 
 async def test_a_listener_that_does_not_read_loses_the_oldest() -> None:
     board = EventBoard()
     listener = board.listen(first)
-    assert await anext(listener) == first()
+    assert [await anext(listener)] == first()
     for n in range(QUEUED_EVENTS + 10):
-        board.post("n", n=n)
+        board.post(Event("n", {"n": n}))
     board.close()
     heard = [event.data["n"] async for event in listener]
     assert heard == list(range(11, QUEUED_EVENTS + 10))

@@ -249,6 +249,22 @@ async def test_utterances_follow_each_other(stage: Any) -> None:
     assert [event["utterance"] for event in live.named("speak_ended")] == [first.id, second.id]
 
 
+async def test_a_listener_who_comes_late_is_told_what_is_being_said(stage: Any) -> None:
+    live = stage(start="now")
+    live.stream.say("0.5")
+    await until(lambda: live.named("speak_started"))
+    late = live.stream.events()
+    assert (await anext(late)).data == {"state": "speaking"}
+    assert (await anext(late)).data == live.named("speak_started")[0]
+    await late.aclose()
+    await until(lambda: live.named("speak_ended"))
+    later = live.stream.events()
+    await anext(later)
+    with pytest.raises(TimeoutError):
+        async with asyncio.timeout(0.05):
+            await anext(later)
+
+
 async def test_a_late_piece_delays_picture_and_sound_alike(stage: Any) -> None:
     live = stage(start="now")
     received = live.view()
@@ -374,6 +390,8 @@ async def test_once_ends_by_itself_and_keeps_its_file(stage: Any) -> None:
     seen = decode(received)
     assert check_lips(seen) == 1
     assert seen.upper[-1] < 60
+    picture_end = seen.times[-1] + 1 / FPS
+    assert abs(picture_end - (seen.sound_start + len(seen.sound) / 48_000)) <= 0.04
     assert live.stream.video().exists()
     for refused in (lambda: live.stream.say("1"), live.stream.interrupt, lambda: live.stream.watch("flv")):
         with pytest.raises(Gone):

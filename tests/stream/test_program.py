@@ -32,7 +32,7 @@ class Bench:
     def __init__(self, folder: Path, pool: OrderedPool) -> None:
         self.told: list[tuple[str, dict[str, Any]]] = []
         events = EventBoard()
-        events.post = lambda name, **data: self.told.append((name, data))  # type: ignore[method-assign]
+        events.post = lambda event: self.told.append((event.name, event.data))  # type: ignore[method-assign]
         self.program = Program(
             folder, VideoEncoder(SIZE, SIZE, FPS), AacEncoder(), Settings(), events, on_change=lambda: None
         )
