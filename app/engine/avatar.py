@@ -78,9 +78,10 @@ class AvatarShelf:
         self._lock = threading.Lock()
 
     def ids(self) -> tuple[str, ...]:
-        """Names of the packs in the folder, the default first."""
-        found = sorted(path.parent.name for path in self._folder.glob("*/manifest.json"))
-        return tuple(sorted(found, key=lambda name: (name != self.default, name)))
+        """Names of the packs in the folder, the default first; hidden folders are drafts of packs in training."""
+        found = (path.parent.name for path in self._folder.glob("*/manifest.json"))
+        packs = [name for name in found if not name.startswith(".")]
+        return tuple(sorted(packs, key=lambda name: (name != self.default, name)))
 
     def manifest(self, avatar: str) -> Manifest:
         """The manifest of one pack, without loading the rest.

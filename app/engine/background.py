@@ -111,7 +111,8 @@ class Background:
     def forward(self, index: int, points: Float) -> Float:
         """Where points of the crop, (..., 2), are shown, in coordinates of the region.
 
-        The backward displacement changes by far less than a pixel a pixel, so a fixed point finds its inverse.
+        A fixed point finds the inverse of the backward map wherever that changes by well under a pixel a pixel, as
+        a face that turns does; training makes sure of it.
         """
         still = points - self._origin()
         flat = still.reshape(-1, 1, 2).astype(np.float32)

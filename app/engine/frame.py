@@ -26,12 +26,11 @@ def empty(width: int, height: int) -> Picture:
 
 
 def planes(picture: Picture) -> tuple[Picture, Picture, Picture]:
-    """Views of luma (H, W) and both chroma planes (H/2, W/2) of a contiguous picture."""
+    """Views of luma (H, W) and both chroma planes (H/2, W/2) of a picture, which must be contiguous."""
+    if not picture.flags.c_contiguous:
+        raise ValueError("planes of a picture that is not contiguous would be copies")
     height, width = picture.shape[0] * 2 // 3, picture.shape[1]
-    flat = picture.reshape(-1)
-    size, quarter = height * width, height * width // 4
-    chroma = flat[size:].reshape(2, height // 2, width // 2)
-    assert chroma.size == 2 * quarter
+    chroma = picture.reshape(-1)[height * width :].reshape(2, height // 2, width // 2)
     return picture[:height], chroma[0], chroma[1]
 
 

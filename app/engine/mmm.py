@@ -140,10 +140,15 @@ class MorphMouth:
         self._model = model
         self._convert = Conversion(model, modes)
         self._background = background
+        self._last: tuple[bytes, Planes] = (b"", Planes.empty(0, 0))
 
     def draw(self, coefficients: Float, index: int, out: Planes) -> None:
         """See `app.engine.background.Mouth`."""
-        morph = self._model.synthesise(*self._convert(coefficients))
+        key = coefficients.tobytes()
+        known, morph = self._last
+        if known != key:  # the mouth at rest is drawn once, not once for every frame of the loop
+            morph = self._model.synthesise(*self._convert(coefficients))
+            self._last = (key, morph)
         where = self._background.backward(index)
         half = chroma_map(where)
         for source, target, points in zip(morph.each(), out.each(), (where, half, half), strict=True):

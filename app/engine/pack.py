@@ -14,6 +14,7 @@ from __future__ import annotations
 import hashlib
 import json
 import zipfile
+import zlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -23,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from app.engine.background import Background, Box
+from app.engine.background import GRID, Background, Box
 from app.engine.mmm import MorphableModel
 from app.engine.modes import MESH_STEP, Modes
 from app.engine.trajectory import GaussianTrajectory
@@ -100,7 +101,7 @@ def load_pack(folder: Path) -> Pack:
     try:
         modes = _modes(arrays)
         morphable = _morphable(arrays, modes)
-        trajectory = _trajectory(arrays, modes)
+        trajectory = _trajectory(arrays, modes, manifest)
         pictures = _pictures(folder / LOOP, manifest)
         background = _background(arrays, pictures, manifest, modes)
     except KeyError as error:
@@ -178,9 +179,13 @@ def _arrays(path: Path) -> dict[str, NDArray[Any]]:
         if size > MOST_BYTES:
             raise BadPack(f"{path} unpacks to {size} bytes, more than {MOST_BYTES}")
         with np.load(path, allow_pickle=False) as stored:
-            return {name: stored[name] for name in stored.files}
-    except (OSError, ValueError, zipfile.BadZipFile) as error:
+            arrays = {name: stored[name] for name in stored.files}
+    except (OSError, ValueError, EOFError, MemoryError, RuntimeError, zlib.error, zipfile.BadZipFile) as error:
         raise BadPack(f"{path} is no model: {error}") from error
+    for name, array in arrays.items():
+        if not isinstance(array, np.ndarray):  # numpy hands out entries that are no arrays as they are
+            raise BadPack(f"{path} is no model: {name} is no array")
+    return arrays
 
 
 def _checked(arrays: dict[str, NDArray[Any]], name: str, shape: tuple[int, ...]) -> NDArray[np.float32]:
@@ -190,9 +195,11 @@ def _checked(arrays: dict[str, NDArray[Any]], name: str, shape: tuple[int, ...])
         raise BadPack(f"{MODEL}: {name} has shape {array.shape}, expected {shape} (-1: any)")
     if array.dtype.kind not in "fiu":
         raise BadPack(f"{MODEL}: {name} holds {array.dtype}, expected numbers")
-    if not np.isfinite(array).all():
+    with np.errstate(over="ignore"):
+        numbers = np.ascontiguousarray(array, np.float32)
+    if not np.isfinite(numbers).all():
         raise BadPack(f"{MODEL}: {name} holds numbers that are not finite")
-    return np.ascontiguousarray(array, np.float32)
+    return numbers
 
 
 def _modes(arrays: dict[str, NDArray[Any]]) -> Modes:
@@ -221,29 +228,34 @@ def _morphable(arrays: dict[str, NDArray[Any]], modes: Modes) -> MorphableModel:
     return MorphableModel(modes.width, modes.height, images, flows, reference)
 
 
-def _trajectory(arrays: dict[str, NDArray[Any]], modes: Modes) -> GaussianTrajectory:
-    states = tuple(str(state) for state in arrays["states"])
+def _trajectory(arrays: dict[str, NDArray[Any]], modes: Modes, manifest: Manifest) -> GaussianTrajectory:
+    names = arrays["states"]
+    if names.ndim != 1 or names.dtype.kind != "U":
+        raise BadPack(f"{MODEL}: states holds {names.dtype} of shape {names.shape}, expected a row of names")
+    states = tuple(str(state) for state in names)
     if SILENCE not in states:
         raise BadPack(f"{MODEL}: the trajectory model has no silence")
     shape = (len(states), modes.count)
     mean, precision = (_checked(arrays, name, shape) for name in ("state_mean", "state_precision"))
     offset, scale = (_checked(arrays, f"coefficient_{name}", (modes.count,)) for name in ("offset", "scale"))
     fps, smoothness, order, lead, cap = (float(number) for number in _checked(arrays, "trajectory", (5,)))
-    if not ((precision > 0).all() and (scale > 0).all() and smoothness > 0 and 1 <= order <= 8 and fps > 0):
-        raise BadPack(f"{MODEL}: the trajectory model's variances, scale, order or rate are not positive")
+    if not ((precision > 0).all() and (scale > 0).all() and smoothness > 0 and 1 <= order <= 8 and cap > 0):
+        raise BadPack(f"{MODEL}: the trajectory model's variances, scale, smoothness, order or cap are out of range")
+    if abs(fps - manifest.fps) > 1e-3:
+        raise BadPack(f"{MODEL}: trajectories are of {fps:g} frames a second, the manifest says {manifest.fps:g}")
     exact = [np.asarray(array, np.float64) for array in (mean, precision, offset, scale)]
     return GaussianTrajectory(states, exact[0], exact[1], exact[2], exact[3], fps, smoothness, int(order), lead, cap)
 
 
 def _pictures(path: Path, manifest: Manifest) -> NDArray[np.uint8]:
-    shape = (manifest.loop_frames + 1, manifest.height * 3 // 2, manifest.width)
-    pictures = np.empty(shape, np.uint8)
     count = 0
     try:
         with av.open(str(path)) as container:
             stream = container.streams.video[0]
             if (stream.width, stream.height) != (manifest.width, manifest.height):
                 raise BadPack(f"{path} is {stream.width}x{stream.height}, not {manifest.width}x{manifest.height}")
+            shape = (manifest.loop_frames + 1, manifest.height * 3 // 2, manifest.width)
+            pictures = np.empty(shape, np.uint8)
             for frame in container.decode(stream):
                 if frame.format.name != "yuv420p" or count == len(pictures):
                     raise BadPack(f"{path} has more frames than the manifest says, or another pixel format")
@@ -261,15 +273,13 @@ def _background(
 ) -> Background:
     crop, region = (Box(*(int(side) for side in _checked(arrays, name, (4,)))) for name in ("crop", "region"))
     for name, box in (("crop", crop), ("region", region)):
-        inside = box.x >= 0 and box.y >= 0 and box.x + box.width <= manifest.width
-        if (
-            not inside
-            or box.y + box.height > manifest.height
-            or any(side % 2 for side in (box.x, box.y, box.width, box.height))
-        ):
-            raise BadPack(f"{MODEL}: the {name} {box} leaves the picture or is odd")
+        across = 0 <= box.x < box.x + box.width <= manifest.width
+        down = 0 <= box.y < box.y + box.height <= manifest.height
+        if not (across and down) or any(side % 2 for side in (box.x, box.y, box.width, box.height)):
+            raise BadPack(f"{MODEL}: the {name} {box} leaves the picture, is empty or is odd")
     if (crop.width, crop.height) != (modes.width, modes.height):
         raise BadPack(f"{MODEL}: the crop is {crop.width}x{crop.height}, the texture {modes.width}x{modes.height}")
-    pose = _checked(arrays, "pose", (len(pictures), -1, -1, 2))
+    grid = (-(-region.height // GRID) + 1, -(-region.width // GRID) + 1)
+    pose = _checked(arrays, "pose", (len(pictures), *grid, 2))
     mask = _checked(arrays, "mask", (modes.height, modes.width)) / np.float32(255)
     return Background(pictures, crop, region, pose, mask)

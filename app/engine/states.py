@@ -70,6 +70,7 @@ def viseme(state: str) -> int:
 def segments(phones: Sequence[Phone]) -> list[Segment]:
     """Split phones into states: diphthongs in two, silence by its distance to speech."""
     result: list[Segment] = []
+    phones = _silences_joined(phones)
     for index, phone in enumerate(phones):
         if phone.symbol == SILENCE:
             result += _silence(phone, after_speech=index > 0, before_speech=index < len(phones) - 1)
@@ -80,6 +81,17 @@ def segments(phones: Sequence[Phone]) -> list[Segment]:
         else:
             result.append(Segment(phone.symbol, phone.start, phone.end))
     return result
+
+
+def _silences_joined(phones: Sequence[Phone]) -> list[Phone]:
+    """Silences that follow each other are one: what matters is how far speech is."""
+    joined: list[Phone] = []
+    for phone in phones:
+        if joined and joined[-1].symbol == phone.symbol == SILENCE:
+            joined[-1] = Phone(SILENCE, joined[-1].start, phone.end)
+        else:
+            joined.append(phone)
+    return joined
 
 
 def _silence(phone: Phone, *, after_speech: bool, before_speech: bool) -> list[Segment]:

@@ -7,6 +7,6 @@ from threadpoolctl import threadpool_limits
 
 
 def one_thread_a_call() -> None:
-    """From now on no call of BLAS or OpenCV in this process starts threads of its own (Fu 2011, 4.2.1, tells why)."""
+    """From now on no call of BLAS, OpenMP or OpenCV in this process starts threads (Fu 2011, 4.2.1, tells why)."""
     cv2.setNumThreads(1)
-    threadpool_limits(1, user_api="blas")
+    threadpool_limits(1)

@@ -54,7 +54,7 @@ class GaussianTrajectory:
         """Coefficients of every frame of some phones.
 
         Args:
-            phones: gapless; frame n shows time n / fps of them.
+            phones: gapless; frame n shows time n / fps of them. None at all are silence.
             frames: T; before the first phone and after the last, these two go on.
             before: (b, K) coefficients of the frames just before; the trajectory continues them smoothly. Only the
                 last `order` matter.
@@ -64,7 +64,7 @@ class GaussianTrajectory:
         """
         if frames <= 0:
             return np.zeros((0, len(self.scale)), np.float32)
-        shown = self.occupancy(phones, frames)
+        shown = self.occupancy(phones or [Phone(SILENCE, 0.0, frames / self.fps)], frames)
         diagonal, right = self.targets(shown)
         standard = self.smooth(diagonal, right, before=self._standardise(before))
         return (standard * self.scale + self.offset).astype(np.float32)

@@ -19,14 +19,13 @@ from app.engine.background import GRID, Background, Box, Mouth, Planes
 from app.engine.frame import from_rgb, planes, to_planes
 from app.engine.mmm import pull
 from app.engine.modes import Modes, densify
+from app.engine.training.chained_flow import edge_taper
 from app.engine.training.fit_modes import area_ratio
 from app.engine.training.recording import Recording
-from app.engine.warp import sample
+from app.errors import TrainingFailed
 
 Float = NDArray[np.float32]
-
-FEATHER = 10
-"""Pixels over which the mask falls to zero at the edge of the crop."""
+Array = NDArray[np.float64]
 
 
 def activity(frames: NDArray[np.uint8], width: int, height: int) -> Float:
@@ -41,17 +40,18 @@ def mouth_mask(active: Float) -> Float:
     moving = cv2.dilate((active > 0.6).astype(np.float32), np.ones((9, 9), np.uint8))
     moving = _soften(moving, 3)
     height, width = active.shape
-    x, y = np.arange(width), np.arange(height)
-    across = np.minimum(x, width - 1 - x)
-    down = np.minimum(y, height - 1 - y)
-    edge = np.clip(np.minimum(across[None], down[:, None]) / FEATHER, 0, 1)
-    mask: Float = (moving * edge * edge * (3 - 2 * edge)).astype(np.float32)
+    mask: Float = moving * edge_taper(width, height)
     return mask
 
 
 def replaced_mask(active: Float) -> Float:
-    """(H, W) 1 where lips move so much that the loop's own pixels would show as a ghost, 0 on calm skin."""
-    share = np.clip((active - 1.5) / 2.5, 0, 1)
+    """(H, W) 1 where, or near where, anything moves visibly; 0 on calm skin.
+
+    Where the loop's own pixels stay, they stay put while the mouth moves under them: along lips and jaw that would show
+    as a ghost of the mouth at rest.
+    """
+    near = cv2.dilate(active, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (9, 9)))
+    share = np.clip((near - 0.8) / 1.2, 0, 1)
     return _soften(share * share * (3 - 2 * share), 2)
 
 
@@ -90,18 +90,56 @@ def detail_layer(modes: Modes, rest: Float, clean: Float, recorded: Float) -> Fl
 
 
 def pose_track(recording: Recording, margin: int = 16) -> tuple[Box, Float]:
-    """The region that mouths touch, and the pose maps (L + 1, rows, columns, 2); the last one is the still's, zero."""
+    """The region that mouths touch, and the pose maps (L + 1, rows, columns, 2); the last one is the still's, zero.
+
+    The recording's dense map jumps where the face ends and hair or neck begin; a mouth drawn through it would tear
+    there. The mouth belongs to the face, so each pose is the face's own motion, a smooth function of the place.
+    """
     warp, step = recording.loop_map()
     crop, (width, height) = recording.crop, recording.size
     left, top = max(0, crop.x - margin), max(0, crop.y - margin)
     right, bottom = min(width, crop.x + crop.width + margin), min(height, crop.y + crop.height + margin)
     region = Box(left, top, right - left, bottom - top)
-    columns = (np.arange(0, region.width + GRID, GRID) + region.x) / step
-    rows = (np.arange(0, region.height + GRID, GRID) + region.y) / step
-    x, y = np.meshgrid(columns, rows)
-    where = np.stack([x, y], -1).astype(np.float32)
-    maps = [sample(frame, where, smooth=False) for frame in warp]
+    x, y = np.meshgrid(np.arange(warp.shape[2]) * step, np.arange(warp.shape[1]) * step)
+    centre = np.array([crop.x + crop.width / 2, crop.y + crop.height / 2])
+    half = np.array([crop.width / 2, crop.height / 2])
+    across, down = (x - centre[0]) / half[0], (y - centre[1]) / half[1]
+    face = across**2 + down**2 < 1
+    sampled = _quadratic(across[face], down[face])
+    columns = (np.arange(0, region.width + GRID, GRID) + region.x - centre[0]) / half[0]
+    rows = (np.arange(0, region.height + GRID, GRID) + region.y - centre[1]) / half[1]
+    wanted = _quadratic(*np.meshgrid(columns, rows))
+    maps = [wanted @ robust_fit(sampled, frame[face].astype(np.float64)) for frame in warp]
     return region, np.stack([*maps, np.zeros_like(maps[0])]).astype(np.float32)
+
+
+def _quadratic(across: Array, down: Array) -> Array:
+    """(..., 6) terms up to the second degree: a turning head moves its face so, within a tenth of a pixel."""
+    return np.stack([np.ones_like(across), across, down, across * across, across * down, down * down], -1)
+
+
+AFFINE = 3
+"""The first three terms of `_quadratic`: what a flat face would do."""
+
+
+def robust_fit(terms: Array, displacement: Array, *, scale: float = 0.3, rounds: int = 15) -> Array:
+    """Coefficients (6, 2) of a least-squares fit that points off the face (hair, neck) do not pull along.
+
+    Args:
+        terms: (n, 6).
+        displacement: (n, 2), pixels.
+        scale: pixels; a point that is further off counts by the inverse square of its distance.
+        rounds: of reweighting.
+    """
+    weight = np.ones(len(terms))
+    fitted = np.zeros((terms.shape[1], 2))
+    for turn in range(rounds):
+        used = terms[:, :AFFINE] if turn < rounds // 2 else terms  # a bent start would bend after the hair
+        root = np.sqrt(weight)[:, None]
+        fitted = cast(Array, np.linalg.lstsq(used * root, displacement * root, rcond=None)[0])
+        off = np.linalg.norm(displacement - used @ fitted, axis=1)
+        weight = 1 / np.maximum(1, off / scale) ** 2
+    return fitted
 
 
 def bake(
@@ -123,6 +161,9 @@ def bake(
         recorded_rest: (P,) mean planes of the recorded frames at rest.
         mouth: makes what draws mouths.
         progress: told the share done.
+
+    Raises:
+        TrainingFailed: still, loop or pose track are missing or do not fit the recording.
     """
     crop = recording.crop
     still = recording.still()
@@ -145,7 +186,7 @@ def bake(
         _mix(plane[half], part.reshape(soft_half.shape), soft_half)
     region, pose = pose_track(recording)
     if len(pose) != len(pictures) + 1:
-        raise ValueError(f"the loop has {len(pictures)} frames, its pose track {len(pose) - 1}")
+        raise TrainingFailed(f"the loop has {len(pictures)} frames, its pose track {len(pose) - 1}")
     background = Background(np.stack([*pictures, still_picture]), crop, region, pose, mask)
     drawer = mouth(modes, background)
     drawn = Planes.empty(region.width, region.height)

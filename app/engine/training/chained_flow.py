@@ -80,4 +80,21 @@ def chained_flows(
             continue
         step = dense_flow(luma(parent), luma(int(frame)))
         flows[frame] = compose(flows[parent].astype(np.float32), step)
+    flows *= edge_taper(first.shape[1], first.shape[0])[..., None].astype(np.float16)
     return flows
+
+
+EDGE = 10
+"""Pixels over which flow falls to zero at the edge of the crop."""
+
+
+def edge_taper(width: int, height: int) -> Float:
+    """(height, width) 0 on the edge of the crop, 1 from `EDGE` pixels inwards.
+
+    A flow that moved the edge itself would pull the mesh off the picture, and leave a line where it ends.
+    """
+    across = np.minimum(np.arange(width), np.arange(width)[::-1])
+    down = np.minimum(np.arange(height), np.arange(height)[::-1])
+    share = np.clip(np.minimum(across[None], down[:, None]) / EDGE, 0, 1)
+    taper: Float = (share * share * (3 - 2 * share)).astype(np.float32)
+    return taper

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import zipfile
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -73,19 +74,30 @@ class Recording:
 
     def still(self) -> NDArray[np.uint8]:
         """The whole frame at rest, RGB."""
-        return read_picture(self.folder / "recording" / "still.png")
+        path = self.folder / "recording" / "still.png"
+        return self._whole(read_picture(path), path)
 
     def loop(self) -> Iterator[NDArray[np.uint8]]:
         """The frames of the idle loop, RGB."""
-        return read_clip(self.folder / "idle" / "frames.mkv")
+        path = self.folder / "idle" / "frames.mkv"
+        return (self._whole(rgb, path) for rgb in read_clip(path))
+
+    def _whole(self, rgb: NDArray[np.uint8], path: Path) -> NDArray[np.uint8]:
+        if rgb.shape[1::-1] != self.size:
+            found, wanted = (f"{width}x{height}" for width, height in (rgb.shape[1::-1], self.size))
+            raise TrainingFailed(f"{path} is {found}, box.json says {wanted}")
+        return rgb
 
     def loop_map(self) -> tuple[NDArray[np.float32], int]:
         """(L, rows, columns, 2) displacement from the loop's pixels to the still's, sampled every `step` pixels."""
         path = self.folder / "idle" / "warp.npz"
         try:
-            with np.load(path, allow_pickle=False) as stored:
-                return stored["warp"].astype(np.float32), int(stored["step"])
-        except (OSError, KeyError, ValueError) as error:
+            with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
+                warp, step = stored["warp"].astype(np.float32), int(stored["step"])
+            if warp.ndim != 4 or warp.shape[3] != 2 or step < 1:
+                raise ValueError(f"warp has shape {warp.shape}, step is {step}")
+            return warp, step
+        except (OSError, EOFError, KeyError, ValueError, zipfile.BadZipFile) as error:
             raise TrainingFailed(f"{path} is no pose map: {error}") from error
 
 
@@ -95,23 +107,43 @@ def read(folder: Path) -> Recording:
     Raises:
         TrainingFailed: something is missing, unreadable or does not fit; says what and where.
     """
-    box = read_json(folder / "recording" / "box.json")
-    crop = Box(box["x"], box["y"], box["w"], box["h"])
-    if any(side % 2 for side in (crop.x, crop.y, crop.width, crop.height)):
-        raise TrainingFailed(f"{folder}/recording/box.json: 4:2:0 needs even numbers, got {box}")
+    crop, fps, size = _box(folder / "recording" / "box.json")
     phones = _phones(folder / "recording" / "phones.json")
-    sentences = tuple(
-        Sentence(entry["text"], float(entry["start"]), float(entry["end"]))
-        for entry in read_json(folder / "recording" / "transcript.json")
-    )
-    frames = np.stack(list(_mouth_frames(folder, crop)))
-    missing = len(frames) / box["fps"] - phones[-1].end
+    sentences = _sentences(folder / "recording" / "transcript.json")
+    pictures = list(_mouth_frames(folder, crop))
+    if not pictures:
+        raise TrainingFailed(f"{folder}/recording has no mouth pictures")
+    frames = np.stack(pictures)
+    missing = len(frames) / fps - phones[-1].end
     if abs(missing) > 0.5:
         raise TrainingFailed(
-            f"{folder}: {len(frames)} frames last {len(frames) / box['fps']:.2f} s, the phones {phones[-1].end:.2f} s",
+            f"{folder}: {len(frames)} frames last {len(frames) / fps:.2f} s, the phones {phones[-1].end:.2f} s",
             advice="Frames and phones must be of the same recording.",
         )
-    return Recording(folder, crop, float(box["fps"]), (box["frame"][0], box["frame"][1]), frames, phones, sentences)
+    return Recording(folder, crop, fps, size, frames, phones, sentences)
+
+
+def _box(path: Path) -> tuple[Box, float, tuple[int, int]]:
+    """The mouth region, the frame rate, and the size of the whole frame."""
+    box = read_json(path)
+    try:
+        crop = Box(int(box["x"]), int(box["y"]), int(box["w"]), int(box["h"]))
+        fps, (width, height) = float(box["fps"]), (int(side) for side in box["frame"])
+    except (KeyError, TypeError, ValueError) as error:
+        raise TrainingFailed(f"{path}: needs x, y, w, h, fps and frame, two numbers, got {box}") from error
+    if any(side % 2 for side in (crop.x, crop.y, crop.width, crop.height, width, height)):
+        raise TrainingFailed(f"{path}: 4:2:0 needs even numbers, got {box}")
+    across, down = 0 <= crop.x < crop.x + crop.width <= width, 0 <= crop.y < crop.y + crop.height <= height
+    if not (across and down and fps > 0):
+        raise TrainingFailed(f"{path}: the mouth is not inside the frame, or the rate is not positive: {box}")
+    return crop, fps, (width, height)
+
+
+def _sentences(path: Path) -> tuple[Sentence, ...]:
+    try:
+        return tuple(Sentence(entry["text"], float(entry["start"]), float(entry["end"])) for entry in read_json(path))
+    except (KeyError, TypeError, ValueError) as error:
+        raise TrainingFailed(f"{path}: needs a list of text, start and end") from error
 
 
 def _mouth_frames(folder: Path, crop: Box) -> Iterator[NDArray[np.uint8]]:
@@ -154,7 +186,10 @@ def read_clip(path: Path) -> Iterator[NDArray[np.uint8]]:
 
 
 def _phones(path: Path) -> tuple[Phone, ...]:
-    phones = tuple(Phone(str(symbol), float(start), float(end)) for symbol, start, end in read_json(path))
+    try:
+        phones = tuple(Phone(str(symbol), float(start), float(end)) for symbol, start, end in read_json(path))
+    except (TypeError, ValueError) as error:
+        raise TrainingFailed(f"{path}: needs a list of [phone, start, end]") from error
     check_phones(phones, str(path))
     return phones
 
@@ -176,5 +211,5 @@ def read_json(path: Path) -> Any:
         return json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise TrainingFailed(f"{path} cannot be read: {error.strerror}") from error
-    except json.JSONDecodeError as error:
+    except ValueError as error:
         raise TrainingFailed(f"{path} is no JSON: {error}") from error

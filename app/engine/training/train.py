@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from app.engine.background import Background
 from app.engine.frame import to_rgb
 from app.engine.mmm import MorphableModel
 from app.engine.modes import ModeMouth, Modes
@@ -31,6 +30,7 @@ from app.engine.pack import (
     save_model,
     write_manifest,
 )  # fmt: skip
+from app.engine.threads import one_thread_a_call
 from app.engine.training.bake_loop import bake
 from app.engine.training.chained_flow import chained_flows
 from app.engine.training.em_pca import em_pca
@@ -95,7 +95,11 @@ def learn(
         seed: of everything random; the same seed gives the same model.
         options: of the trajectory model.
         progress: see `Progress`.
+
+    Raises:
+        TrainingFailed: nothing is left to learn from, or the mouth never rests.
     """
+    one_thread_a_call()  # threads would add up in another order, and the same seed would choose other prototypes
     spans = [span for number, span in enumerate(recording.spans()) if number not in leave_out]
     if not spans:
         raise TrainingFailed("no sentence is left to learn from")
@@ -180,6 +184,7 @@ def train(
     described = _identity(source)
     progress("reading", 0)
     recording = read(folder)
+    _manifest(described, source, recording, 1, {})  # what is wrong with the identity is said before the work
     unknown = [number for number in leave_out if not 0 <= number < len(recording.sentences)]
     if unknown:
         raise TrainingFailed(f"there is no sentence {unknown[0]}; the recording has {len(recording.sentences)}")
@@ -205,7 +210,7 @@ def train(
             str(draft / PREVIEW), to_rgb(background.pictures[0])[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 92]
         ):
             raise TrainingFailed(f"{draft / PREVIEW} could not be written")
-        manifest = _manifest(described, source, recording, background, checksums(draft))
+        manifest = _manifest(described, source, recording, background.frames, checksums(draft))
         write_manifest(draft, manifest)
         _replace(draft, output)
     finally:
@@ -227,7 +232,7 @@ def _identity(source: Path) -> dict[str, Any]:
 
 
 def _manifest(
-    described: dict[str, Any], source: Path, recording: Recording, background: Background, files: dict[str, str]
+    described: dict[str, Any], source: Path, recording: Recording, loop_frames: int, files: dict[str, str]
 ) -> Manifest:
     width, height = recording.size
     measured = {
@@ -235,7 +240,7 @@ def _manifest(
         "fps": recording.fps,
         "width": width,
         "height": height,
-        "loop_frames": background.frames,
+        "loop_frames": loop_frames,
         "files": files,
     }
     try:
