@@ -115,7 +115,7 @@ def _lanes(streams: int, workers: int) -> float:
     return rate
 
 
-def _process(barrier: multiprocessing.synchronize.Barrier, results: multiprocessing.Queue) -> None:  # type: ignore[type-arg]
+def _process(barrier: multiprocessing.synchronize.Barrier, results: multiprocessing.Queue) -> None:
     barrier.wait()
     results.put(_lanes(1, 1))
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from app.engine.avatar import Avatar, load_avatar
@@ -9,8 +11,9 @@ from app.engine.background import STILL
 from app.engine.frame import empty
 from app.engine.mmm import Conversion
 from app.engine.modes import draw_crop
+from app.engine.pack import FPS
 from app.engine.training.em_pca import em_pca
-from app.engine.training.recording import Recording
+from app.engine.training.recording import Recording, read_clip
 from app.engine.training.train import learn
 from app.engine.trajectory import Coefficients
 from app.speech import SILENCE, Phone
@@ -135,7 +138,6 @@ def _reconstruction(source: Recording, wanted: np.ndarray, speaking: np.ndarray)
 def _closure(source: Recording) -> Report:
     report = Report("closure", "Lip closure on /m b p/: inner-lip gap of rendered frames, of its maximum")
     avatar = load_avatar(FOLDER)
-    width, height = source.crop.width, source.crop.height
     picture = empty(avatar.manifest.width, avatar.manifest.height)
 
     def gaps(phones: tuple[Phone, ...], frames: int) -> np.ndarray:
@@ -145,10 +147,7 @@ def _closure(source: Recording) -> Report:
             found.append(inner_gap(crop_rgb(source, picture)))
         return np.array(found)
 
-    from app.engine.training.recording import read_clip
-
     truth = np.array([inner_gap(rgb) for rgb in read_clip(FOLDER / "recording" / "mouth.mkv")])
-    assert (height, width) == (source.crop.height, source.crop.width)
     with np.load(FOLDER / "recording" / "weights.npz") as stored:
         controls = np.column_stack([stored["weights"], np.ones(len(truth))])
     fitted = controls @ np.linalg.lstsq(controls, truth, rcond=None)[0]
@@ -162,11 +161,11 @@ def _closure(source: Recording) -> Report:
     )
     wide = truth.max()
     engine = create("hibari")
-    collected = list(_closed_shares(source.phones, shown, wide))
+    collected = list(_closed_shares(source.phones, shown, wide, avatar.pack.trajectory.lead))
     for text in CLOSURES:
         for speech in narrate(engine, text):
             frames = int(np.ceil(speech.duration * avatar.manifest.fps))
-            collected += _closed_shares(speech.phones, gaps(speech.phones, frames), wide)
+            collected += _closed_shares(speech.phones, gaps(speech.phones, frames), wide, avatar.pack.trajectory.lead)
     long = [gap for lasts, gap in collected if lasts >= 0.06]
     report.add(
         "closed, of those lasting 60 ms or more",
@@ -187,13 +186,21 @@ def _closure(source: Recording) -> Report:
     return report
 
 
-def _closed_shares(phones: tuple[Phone, ...], gap: np.ndarray, wide: float, fps: float = 25.0, lead: float = 0.05):  # type: ignore[no-untyped-def]
-    """(seconds, smallest gap while it is shown as a share of the widest) of every /m b p/."""
+def _closed_shares(
+    phones: tuple[Phone, ...], gap: np.ndarray, wide: float, lead: float
+) -> Iterator[tuple[float, float]]:
+    """(seconds, smallest gap in the frames that show it, as a share of the widest) of every /m b p/.
+
+    A frame shows a phone if its middle lies in it, the lips being ahead of the sound by `lead` seconds; the nearest
+    frame stands for a phone that holds no such middle.
+    """
+    times = np.arange(len(gap)) / FPS + lead
     for phone in phones:
         if phone.symbol in ("M", "B", "P"):
-            first = max(0, int(np.floor((phone.start - lead) * fps)))
-            last = min(len(gap) - 1, int(np.ceil(phone.end * fps)))
-            yield phone.end - phone.start, gap[first : last + 1].min() / wide
+            shown = (times >= phone.start) & (times < phone.end)
+            if not shown.any():
+                shown[np.abs(times - (phone.start + phone.end) / 2).argmin()] = True
+            yield phone.end - phone.start, gap[shown].min() / wide
 
 
 def learn_rest(source: Recording, wanted: np.ndarray) -> np.ndarray:

@@ -23,7 +23,7 @@ def run() -> list[Report]:
     taken = {}
     for frames, (old, new) in THESIS.items():
         spoken = repeated(phones, frames / model.fps)
-        taken[frames] = seconds(lambda spoken=spoken, frames=frames: model.predict(spoken, frames))  # type: ignore[misc]
+        taken[frames] = seconds(lambda spoken=spoken, frames=frames: model.predict(spoken, frames))
         bar = "<= 30" if frames == 1302 else ""
         report.add(f"{frames} frames", taken[frames] * 1e3, "ms", bar, f"Fu 2011: {old} s before, {new} s after")
     report.add("growth from 262 to 1302 frames", (taken[1302] / taken[262]) / (1302 / 262), "of linear", "<= 1.3")

@@ -6,13 +6,14 @@
     idle.mp4        the same loop for browsers
     preview.jpg
 
-This is the one place where the engine touches a codec: the loop is a lossless H.264 clip, a tenth of its raw size.
+The loop is a lossless H.264 clip, a tenth of its raw size.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
+import math
 import zipfile
 import zlib
 from dataclasses import dataclass
@@ -35,8 +36,10 @@ FORMAT = 1
 MODEL, LOOP, IDLE, PREVIEW = "model.npz", "loop.mkv", "idle.mp4", "preview.jpg"
 MANIFEST = "manifest.json"
 FILES = (MODEL, LOOP, IDLE, PREVIEW)
+FPS = 25
+"""Frames a second of every avatar: sound and picture of all streams share one clock."""
 MOST_BYTES = 256 * 2**20
-"""A model file that unpacks to more is refused unread."""
+"""A model file or a loop that unpacks to more is refused unread."""
 
 Half = NDArray[np.float16]
 
@@ -58,7 +61,7 @@ class Manifest(BaseModel):
     format: Literal[1]
     id: str = Field(pattern=r"^[a-z0-9][a-z0-9_-]{0,63}$")
     title: str = Field(min_length=1)
-    fps: float = Field(gt=0, le=120)
+    fps: float = Field(ge=FPS, le=FPS)
     width: int = Field(gt=0, le=4096, multiple_of=2)
     height: int = Field(gt=0, le=4096, multiple_of=2)
     loop_frames: int = Field(gt=0, le=3000)
@@ -88,15 +91,7 @@ def load_pack(folder: Path) -> Pack:
     Raises:
         BadPack: a file is missing, changed, of another version, or holds something else than it should.
     """
-    manifest = load_manifest(folder)
-    if set(manifest.files) != set(FILES):
-        raise BadPack(f"{folder}/manifest.json lists {sorted(manifest.files)}, a pack has {sorted(FILES)}")
-    for name, expected in manifest.files.items():
-        path = folder / name
-        if path.is_symlink() or not path.is_file():
-            raise BadPack(f"{path} is missing or no plain file", advice="Restore the pack from where it came.")
-        if _digest(path) != expected:
-            raise BadPack(f"{path} is damaged: its checksum differs", advice="Restore the pack from where it came.")
+    manifest = check_files(folder)
     arrays = _arrays(folder / MODEL)
     try:
         modes = _modes(arrays)
@@ -107,6 +102,24 @@ def load_pack(folder: Path) -> Pack:
     except KeyError as error:
         raise BadPack(f"{folder / MODEL} lacks {error}", advice="Train the avatar again.") from error
     return Pack(folder, manifest, modes, morphable, trajectory, background)
+
+
+def check_files(folder: Path) -> Manifest:
+    """Check the manifest, and that every file it lists is there and unchanged, without reading what they hold.
+
+    Raises:
+        BadPack: see `load_pack`.
+    """
+    manifest = load_manifest(folder)
+    if set(manifest.files) != set(FILES):
+        raise BadPack(f"{folder}/manifest.json lists {sorted(manifest.files)}, a pack has {sorted(FILES)}")
+    for name, expected in manifest.files.items():
+        path = folder / name
+        if path.is_symlink() or not path.is_file():
+            raise BadPack(f"{path} is missing or no plain file", advice="Restore the pack from where it came.")
+        if _digest(path) != expected:
+            raise BadPack(f"{path} is damaged: its checksum differs", advice="Restore the pack from where it came.")
+    return manifest
 
 
 def load_manifest(folder: Path) -> Manifest:
@@ -255,6 +268,8 @@ def _pictures(path: Path, manifest: Manifest) -> NDArray[np.uint8]:
             if (stream.width, stream.height) != (manifest.width, manifest.height):
                 raise BadPack(f"{path} is {stream.width}x{stream.height}, not {manifest.width}x{manifest.height}")
             shape = (manifest.loop_frames + 1, manifest.height * 3 // 2, manifest.width)
+            if math.prod(shape) > MOST_BYTES:
+                raise BadPack(f"{path} unpacks to {math.prod(shape)} bytes, more than {MOST_BYTES}")
             pictures = np.empty(shape, np.uint8)
             for frame in container.decode(stream):
                 if frame.format.name != "yuv420p" or count == len(pictures):

@@ -2,6 +2,8 @@ from __future__ import annotations
 
 import json
 import shutil
+import subprocess
+import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -132,3 +134,41 @@ def test_the_shipped_avatar_says_what_it_is() -> None:
     manifest = shipped.manifest("mary")
     assert (manifest.fps, manifest.width, manifest.height, manifest.loop_frames) == (25, 512, 512, 125)
     assert json.loads((shipped.folder("mary") / "manifest.json").read_text())["consent"]["subject"].startswith("nobody")
+
+
+def test_loading_compiles_all_that_a_first_request_needs() -> None:
+    code = (
+        "from pathlib import Path\n"
+        "from app.engine.avatar import load_avatar\n"
+        "from app.engine import banded, warp\n"
+        "load_avatar(Path('avatars/mary'))\n"
+        "for loop in (banded.solve, warp.invert_mesh, warp.halve_map, warp.blend):\n"
+        "    assert loop.signatures, loop\n"
+        "from app.engine.avatar import load_avatar\n"
+        "before = [len(loop.signatures) for loop in (banded.solve, warp.invert_mesh, warp.halve_map, warp.blend)]\n"
+        "import numpy as np\n"
+        "from app.speech import Phone\n"
+        "avatar = load_avatar(Path('avatars/mary'))\n"
+        "row = avatar.trajectory((Phone('M', 0, 0.1), Phone('AA', 0.1, 0.4)), 10)\n"
+        "avatar.render(row[3], 77, np.empty((768, 512), np.uint8))\n"
+        "after = [len(loop.signatures) for loop in (banded.solve, warp.invert_mesh, warp.halve_map, warp.blend)]\n"
+        "assert after == before\n"
+    )
+    subprocess.run([sys.executable, "-c", code], cwd=Path(__file__).resolve().parents[2], check=True)
+
+
+def test_a_damaged_pack_is_not_offered_until_it_is_mended(tmp_path: Path) -> None:
+    for name in ("anna", "zoe"):
+        write_tiny(tmp_path / name, name)
+    shelf = AvatarShelf(tmp_path, default="anna")
+    assert [manifest.id for manifest in shelf.usable()] == ["anna", "zoe"]
+    whole = (tmp_path / "zoe" / "model.npz").read_bytes()
+    (tmp_path / "zoe" / "model.npz").write_bytes(whole[:-1])
+    assert [manifest.id for manifest in shelf.usable()] == ["anna"]
+    for _ in range(2):
+        with pytest.raises(BadPack, match="damaged"):
+            shelf.get("zoe")
+    assert shelf.get("anna").manifest.id == "anna"
+    (tmp_path / "zoe" / "model.npz").write_bytes(whole)
+    assert [manifest.id for manifest in shelf.usable()] == ["anna", "zoe"]
+    assert shelf.get("zoe").manifest.id == "zoe"

@@ -9,7 +9,8 @@ The folder holds
     recording/transcript.json                sentences with start and end
     recording/audio.wav                      mono
     idle/frames.mkv, idle/warp.npz           the loop, and its dense map from the still
-    blink/                                   eye pictures at several degrees of closure
+
+Other files (the renderer's face controls, eye pictures) are not read: the loop brings its own blinks.
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ from numpy.typing import NDArray
 
 from app.engine.background import Box
 from app.engine.frame import to_planes
+from app.engine.pack import FPS
 from app.errors import TrainingFailed
 from app.speech import PHONES, Phone
 
@@ -134,8 +136,10 @@ def _box(path: Path) -> tuple[Box, float, tuple[int, int]]:
     if any(side % 2 for side in (crop.x, crop.y, crop.width, crop.height, width, height)):
         raise TrainingFailed(f"{path}: 4:2:0 needs even numbers, got {box}")
     across, down = 0 <= crop.x < crop.x + crop.width <= width, 0 <= crop.y < crop.y + crop.height <= height
-    if not (across and down and fps > 0):
-        raise TrainingFailed(f"{path}: the mouth is not inside the frame, or the rate is not positive: {box}")
+    if not (across and down):
+        raise TrainingFailed(f"{path}: the mouth is not inside the frame: {box}")
+    if fps != FPS:
+        raise TrainingFailed(f"{path}: {fps:g} frames a second", advice=f"Convert the recording to {FPS} first.")
     return crop, fps, (width, height)
 
 

@@ -134,7 +134,7 @@ def test_a_missing_or_broken_file_is_named(folder: Path, name: str) -> None:
         (lambda box: box.update(x=60), "not inside the frame"),
         (lambda box: box.update(y=-2), "not inside the frame"),
         (lambda box: box.update(w=0), "not inside the frame"),
-        (lambda box: box.update(fps=0), "rate is not positive"),
+        (lambda box: box.update(fps=0), "0 frames a second"),
         (lambda box: box.pop("fps"), "needs x, y, w, h, fps and frame"),
         (lambda box: box.update(frame=[96]), "needs x, y, w, h, fps and frame"),
         (lambda box: box.update(w="wide"), "needs x, y, w, h, fps and frame"),
