@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import write_tiny
+from tiny_pack import write_tiny
 
 from app.engine.avatar import RENDERERS, AvatarShelf, load_avatar
 from app.engine.background import STILL

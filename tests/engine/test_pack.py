@@ -12,8 +12,8 @@ from typing import Any
 import av
 import numpy as np
 import pytest
-from conftest import MARY, tiny_background, tiny_model, tiny_modes, tiny_trajectory
 from numpy.typing import NDArray
+from tiny_pack import tiny_background, tiny_model, tiny_modes, tiny_trajectory
 
 from app.engine.pack import (
     FILES,
@@ -32,6 +32,8 @@ from app.engine.training.write_clips import write_loop
 from app.errors import BadPack
 
 Arrays = dict[str, NDArray[Any]]
+
+MARY = Path(__file__).resolve().parents[2] / "avatars" / "mary"
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import LOOP_SHIFTS, OPENING, crop_of, picture
+from drawn_recording import LOOP_SHIFTS, OPENING, crop_of, picture
 from numpy.typing import NDArray
 
 from app.engine.background import STILL, Background, Box, Compositor, Planes

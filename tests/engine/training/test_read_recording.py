@@ -11,7 +11,7 @@ import av
 import numpy as np
 import pytest
 from av.video.reformatter import ColorRange, Colorspace
-from conftest import CROP, LOOP_SHIFTS, OPENING, crop_of, picture, timed, write_lossless, write_png
+from drawn_recording import CROP, LOOP_SHIFTS, OPENING, crop_of, picture, timed, write_lossless, write_png
 
 from app.engine.background import Box
 from app.engine.frame import from_rgb

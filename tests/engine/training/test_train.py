@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import FPS
+from drawn_recording import FPS
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
