@@ -19,7 +19,7 @@ from app.engine.trajectory import Coefficients
 from app.speech import SILENCE, Phone
 from app.tts.narrate import narrate
 from app.tts.registry import create
-from bench.lips import inner_gap
+from bench.lips import inner_gap, lip_width
 from bench.recorded import (
     ACTIVE,
     FOLDER,
@@ -177,6 +177,7 @@ def _closure(source: Recording) -> Report:
     report.add(
         "closed, of all", 100 * np.mean([gap <= 0.1 for _, gap in collected]), "%", note=f"{len(collected)} phones"
     )
+    _shapes(report, avatar, source)
     rest = learn_rest(source, recorded_luma(source))
     silent = _deep_silence(source)
     moved = np.abs(render_still(avatar, source, avatar.trajectory(source.phones, len(truth))[silent]) - rest)
@@ -184,6 +185,28 @@ def _closure(source: Recording) -> Report:
         "movement in silence", float(moved[:, ACTIVE[0], ACTIVE[1]].mean()), "levels", note="0.3 s and more from speech"
     )
     return report
+
+
+def _shapes(report: Report, avatar: Avatar, source: Recording) -> None:
+    """Rounding on /uw ow w/ and teeth on /f v/: rendered beside recorded, in the middle of each phone."""
+    picture = empty(avatar.manifest.width, avatar.manifest.height)
+    spoken = avatar.trajectory(source.phones, len(source.frames))
+    recorded = list(read_clip(FOLDER / "recording" / "mouth.mkv"))
+    lead = avatar.pack.trajectory.lead
+    for name, symbols, measure in (
+        ("lip width on /uw ow w/, of the width at rest", ("UW", "OW", "W"), lip_width),
+        ("rows of teeth on /f v/", ("F", "V"), inner_gap),
+    ):
+        frames = [
+            round(((phone.start + phone.end) / 2 - lead) * FPS) for phone in source.phones if phone.symbol in symbols
+        ]
+        unit = measure(recorded[0]) if measure is lip_width else 1
+        shown = []
+        for frame in frames:
+            avatar.render(spoken[frame], STILL, picture)
+            shown.append(measure(crop_rgb(source, picture)))
+        true = np.mean([measure(recorded[frame]) for frame in frames]) / unit
+        report.add(name, np.mean(shown) / unit, "", note=f"recorded {true:.3g}")
 
 
 def _closed_shares(
