@@ -10,8 +10,9 @@
     - `NotReady`: it is still being made (409)
     - `OverCapacity`: the service is full; says when to come back (503)
     - `BadPack`: an avatar pack is damaged or of another version
-    - `MissingExtra`: an optional dependency is not installed; names the extra
+    - `MissingExtra`: an optional dependency or voice is not installed; names it (422)
     - `SpeechFailed`: a speech engine failed; names the engine (502)
+    - `AlignmentFailed`: an aligner failed; names the aligner (502)
     - `NegotiationFailed`: a WebRTC offer cannot be answered (400)
     - `TrainingFailed`: a recording cannot be turned into an avatar
 """
@@ -79,11 +80,15 @@ class BadPack(MaryError):
 
 
 class MissingExtra(MaryError):
-    slug, title = "missing-extra", "Optional dependency missing"
+    status, slug, title = 422, "missing-extra", "Optional part not installed"
 
 
 class SpeechFailed(MaryError):
     status, slug, title = 502, "speech-failed", "Speech engine failed"
+
+
+class AlignmentFailed(MaryError):
+    status, slug, title = 502, "alignment-failed", "Alignment failed"
 
 
 class NegotiationFailed(MaryError):
