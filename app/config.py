@@ -14,6 +14,11 @@ from app.errors import ConfigError
 
 ENVIRONMENT_PREFIX = "MARY_"
 
+Preset = Literal[
+    "ultrafast", "superfast", "veryfast", "faster", "fast", "medium", "slow", "slower", "veryslow", "placebo"
+]
+"""x264's presets, from quick to thorough."""
+
 INSTALLED = Path(__file__).resolve().parent.parent / "config.yaml"
 """The settings of the repository that the package is installed from."""
 
@@ -47,14 +52,15 @@ class EngineSettings(_Section):
 
 
 class StreamSettings(_Section):
-    preset: str = "superfast"
+    preset: Preset = "superfast"
     crf: float = Field(default=21, ge=0, le=51)
     max_kbps: int = Field(default=2500, gt=0)
-    keyframe_seconds: float = Field(default=2.0, gt=0)
+    keyframe_seconds: float = Field(default=2.0, gt=0, le=8)  # less than `Broadcast` keeps for late viewers
     start_seconds: float = Field(default=10.0, gt=0)
     idle_seconds: float = Field(default=60.0, gt=0)
     keep_seconds: float = Field(default=600.0, ge=0)
     max_streams: int = Field(default=32, gt=0)
+    max_viewers: int = Field(default=64, gt=0)
     queue_seconds: float = Field(default=4.0, gt=0)
 
 
@@ -67,11 +73,12 @@ class IceServer(_Section):
 class WebrtcSettings(_Section):
     addresses: list[str] = []
     loopback: bool = True
+    max_viewers: int = Field(default=64, gt=0)
     ice_servers: list[IceServer] = []
 
 
 class RenderSettings(_Section):
-    preset: str = "medium"
+    preset: Preset = "medium"
     crf: float = Field(default=16, ge=0, le=51)
 
 

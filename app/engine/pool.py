@@ -32,10 +32,7 @@ from dataclasses import dataclass
 from enum import Enum, auto
 from typing import Any, NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
-Picture = NDArray[np.uint8]
+from app.engine.frame import Picture
 
 BUFFERED_FRAMES = 32
 """Synthesised frames a lane may hold for a slow encoder (12.6 MB at 512x512); `look_ahead` bounds live lanes before."""
@@ -303,12 +300,20 @@ class OrderedPool:
 
     def _worker(self) -> None:
         # Figure 4-4.
-        while (task := self._grab()) is not None:
-            lane, frame = task
-            if frame is not None:
-                self._synthesise(lane, frame)
-            self._drain(lane)
-            self._leave(lane)
+        while self._work_once():
+            pass
+
+    def _work_once(self) -> bool:
+        # In a frame of its own, so that a worker that waits keeps nothing of the lane it last worked for.
+        task = self._grab()
+        if task is None:
+            return False
+        lane, frame = task
+        if frame is not None:
+            self._synthesise(lane, frame)
+        self._drain(lane)
+        self._leave(lane)
+        return True
 
     def _grab(self) -> tuple[Lane, _Frame | None] | None:
         # The work with the earliest deadline over all lanes: a frame of A to synthesise, or None if P is ready.

@@ -5,23 +5,22 @@ from __future__ import annotations
 import asyncio
 import contextlib
 from collections.abc import AsyncIterator, Callable
-from typing import Literal
+from contextlib import ExitStack
 
 from app.config import Settings
 from app.errors import NotFound
 from app.stream import whep
 from app.stream.broadcast import Broadcast
+from app.stream.container import FORMATS, Format
 from app.stream.encoder import AacEncoder, VideoEncoder
 from app.stream.mux import LiveMuxer
 from app.stream.packet import Packet
+from app.stream.seats import Seats
 
 JOIN_SECONDS = 0.5
 """How long a viewer who wakes a sleeping stream waits for its first picture before getting the header."""
 SOUND_ONLY_SECONDS = 0.3
-"""A WebRTC viewer that has not asked for a picture so long after it connected wants sound only."""
-
-Format = Literal["flv", "mp4"]
-FORMATS: tuple[Format, ...] = ("flv", "mp4")
+"""A WebRTC viewer that takes no pictures so long after it connected wants sound only."""
 
 
 class Audience:
@@ -31,6 +30,8 @@ class Audience:
         broadcast: what they watch.
         video, audio: the encoders its packets are from.
         settings: of the service.
+        seats: for all viewers of the stream.
+        webrtc_seats: for the WebRTC viewers of all streams.
         on_change: somebody has connected or gone.
 
     Attributes:
@@ -43,12 +44,16 @@ class Audience:
         video: VideoEncoder,
         audio: AacEncoder,
         settings: Settings,
+        seats: Seats,
+        webrtc_seats: Seats,
         on_change: Callable[[], None],
     ) -> None:
         self.arrived = False
         self._broadcast = broadcast
         self._video = video
         self._settings = settings
+        self._seats = seats
+        self._webrtc_seats = webrtc_seats
         self._on_change = on_change
         self._loop = asyncio.get_running_loop()
         self._watching: dict[Format, int] = dict.fromkeys(FORMATS, 0)
@@ -89,32 +94,43 @@ class Audience:
             "mp4": self._watching["mp4"],
         }
 
-    async def watch(self, format: Format) -> AsyncIterator[bytes]:
-        """A viewer over HTTP, from the first iteration until this generator is closed."""
-        self._watching[format] += 1
-        try:
-            self._joined()
-            # Pictures from before the stream slept are no place to start from.
-            with contextlib.suppress(TimeoutError):
-                async with asyncio.timeout(JOIN_SECONDS):
-                    await self._fresh.wait()
-            chunks = self._muxers[format].watch()
+    def watch(self, format: Format) -> AsyncIterator[bytes]:
+        """A viewer over HTTP, from the first iteration until this generator is closed.
+
+        Raises:
+            OverCapacity: no seat is free, now or when the iteration begins.
+        """
+        self._seats.check()
+        return self._watch(format)
+
+    async def _watch(self, format: Format) -> AsyncIterator[bytes]:
+        with self._seats.one():
+            self._watching[format] += 1
             try:
-                async for data in chunks:
-                    yield data
+                self._joined()
+                # Pictures from before the stream slept are no place to start from.
+                with contextlib.suppress(TimeoutError):
+                    async with asyncio.timeout(JOIN_SECONDS):
+                        await self._fresh.wait()
+                chunks = self._muxers[format].watch()
+                try:
+                    async for data in chunks:
+                        yield data
+                finally:
+                    await chunks.aclose()  # type: ignore[attr-defined]
             finally:
-                await chunks.aclose()  # type: ignore[attr-defined]
-        finally:
-            self._watching[format] -= 1
-            self._on_change()
+                self._watching[format] -= 1
+                self._on_change()
 
     async def answer(self, offer: str) -> whep.WhepViewer:
         """A viewer over WebRTC; connected when its connection is.
 
         Raises:
             NegotiationFailed: the offer cannot be answered.
+            OverCapacity: no seat or no socket is free.
         """
         settings = self._settings.webrtc
+        taken = ExitStack()
         made: list[whep.WhepViewer] = []
 
         def picture_wanted() -> None:
@@ -122,18 +138,28 @@ class Audience:
             for each in made:
                 self._receives(each)
 
+        def left(each: whep.WhepViewer) -> None:
+            taken.close()
+            self._left(each)
+
         def connected(each: whep.WhepViewer) -> None:
             self._loop.call_later(SOUND_ONLY_SECONDS, self._receives, each)
 
-        peer = await whep.answer(
-            offer,
-            self._broadcast,
-            request_keyframe=picture_wanted,
-            on_connected=connected,
-            on_closed=self._left,
-            addresses=settings.addresses,
-            loopback=settings.loopback,
-        )
+        try:
+            taken.enter_context(self._seats.one())
+            taken.enter_context(self._webrtc_seats.one())
+            peer = await whep.answer(
+                offer,
+                self._broadcast,
+                request_keyframe=picture_wanted,
+                on_connected=connected,
+                on_closed=left,
+                addresses=settings.addresses,
+                loopback=settings.loopback,
+            )
+        except BaseException:
+            taken.close()
+            raise
         made.append(peer)
         if not peer.closed:
             self._peers[peer.id] = peer
@@ -179,8 +205,8 @@ class Audience:
         self._on_change()
 
     def _receives(self, peer: whep.WhepViewer) -> None:
-        # A connected viewer takes a moment to receive, and then asks for a picture. What is published before is lost to
-        # it, and it would have to wait for the next key frame, so only now it counts as arrived.
+        # Negotiating and connecting take a while, and what is published meanwhile is lost to the viewer. It counts as
+        # arrived when its track asks for the picture to begin with, which it does as soon as it can send.
         if peer.id in self._peers and peer.id not in self._receiving:
             self._receiving.add(peer.id)
             self._joined()

@@ -42,13 +42,11 @@ class Subscription(Generic[T]):
     It ends when the broadcast is closed (after what is queued), when `close` is called, or when the viewer is too slow.
 
     Attributes:
-        primed: it began with a cached key frame; if not, ask the encoder for one to start soon.
         cuts: how often it was cut to a key frame for being too slow.
         slow: it was disconnected for being too slow.
     """
 
     def __init__(self, owner: Broadcast[T], kinds: frozenset[str] | None, seconds: float) -> None:
-        self.primed = False
         self.cuts = 0
         self.slow = False
         self._owner = owner
@@ -99,7 +97,6 @@ class Subscription(Generic[T]):
             self._queue.extend(item for item in cache if self._wants(item))
             # The backlog is what the viewer was given, not how far it is behind.
             self._seconds += self._queue[-1].seconds - self._queue[0].seconds
-            self.primed = True
             self._waiting_for_start = False
 
     def _wants(self, item: T) -> bool:
@@ -159,7 +156,7 @@ class Broadcast(Generic[T]):
     Args:
         queue_seconds: a subscriber this far behind is cut to the next key frame.
         cache_seconds: a group of pictures longer than this is not kept: the stream has been sending sound only, and
-            the picture shown last is no place to start.
+            the picture shown last is no place to start. To be longer than the distance between key frames.
     """
 
     def __init__(self, queue_seconds: float = 4.0, cache_seconds: float = 10.0) -> None:

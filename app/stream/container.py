@@ -10,7 +10,7 @@ from __future__ import annotations
 import io
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Any, Literal, Protocol
+from typing import Any, Literal, Protocol, get_args
 
 import av
 
@@ -34,7 +34,13 @@ class Chunk:
     starts: bool
 
 
-class Format(Protocol):
+Format = Literal["flv", "mp4"]
+"""The containers a viewer can choose from; MP4 is fragmented."""
+
+FORMATS: tuple[Format, ...] = get_args(Format)
+
+
+class Container(Protocol):
     """A container format being written: packets in (live H.264 and AAC, key frame first), chunks out."""
 
     header: Chunk

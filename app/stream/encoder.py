@@ -18,11 +18,11 @@ import av
 import numpy as np
 from numpy.typing import NDArray
 
+from app.stream.clock import BLOCK_SAMPLES, SAMPLE_RATE
 from app.stream.packet import Kind, Packet
 
-SAMPLE_RATE = 48_000
 SAMPLE_TIME = Fraction(1, SAMPLE_RATE)
-OPUS_FRAME = 960  # samples: 20 ms
+OPUS_FRAME = BLOCK_SAMPLES  # 20 ms
 AAC_FRAME = 1_024  # samples: 21.3 ms
 
 VBV_SECONDS = 1.0  # how far max_kbps may be exceeded for a moment; a key frame has to fit
@@ -45,6 +45,11 @@ class _Coder:
 
     def start(self) -> None:
         self._container.start_encoding()
+
+    def close(self) -> None:
+        # PyAV's container and its streams hold each other; left to the garbage collector 7 MB would wait for it.
+        self._container.close()
+        del self.template, self.context, self._container
 
 
 class VideoEncoder:
@@ -163,6 +168,10 @@ class VideoEncoder:
         """The packets still inside. Nothing can be encoded afterwards."""
         return [self._packet(packet) for packet in self._coder.context.encode(None)]
 
+    def close(self) -> None:
+        """Free the codec's memory. Nothing can be asked of the encoder afterwards."""
+        self._coder.close()
+
     def _due(self, index: int) -> bool:
         if self._last_keyframe is None or self._last_index is None:
             return True
@@ -249,6 +258,10 @@ class _SoundEncoder:
         """The packets still inside, the last one filled up with silence. Nothing can be encoded afterwards."""
         packets = self._complete()
         return packets + [self._packet(packet) for packet in self._coder.context.encode(None)]
+
+    def close(self) -> None:
+        """Free the codec's memory. Nothing can be asked of the encoder afterwards."""
+        self._coder.close()
 
     def _complete(self) -> list[Packet]:
         if not len(self._waiting) or self._next is None:

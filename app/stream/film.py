@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from app.engine.pool import FrameJob, Picture
+from app.engine.frame import Picture
+from app.engine.pool import FrameJob
 from app.stream.broadcast import Broadcast
 from app.stream.encoder import VideoEncoder
 from app.stream.packet import Packet
 from app.stream.recording import Recording
 from app.stream.timeline import Look
 from app.stream.timing import UtteranceTimings
+
+_log = logging.getLogger(__name__)
 
 
 class Renderer(Protocol):
@@ -47,6 +51,7 @@ class Film:
         self, renderer: Renderer, encoder: VideoEncoder, broadcast: Broadcast[Packet], on_start: Callable[[], None]
     ) -> None:
         self.passed = -1
+        self._failures = 0  # errors since the last frame that was encoded
         self._on_start = on_start
         self._renderer = renderer
         self._encoder = encoder
@@ -67,7 +72,7 @@ class Film:
         owner = look.owner
         recording = owner.recording if owner is not None else None
         # A first frame that was dropped takes its key frame with it.
-        keyframe = look.keyframe or (recording is not None and not recording.started)
+        keyframe = look.keyframe or (recording is not None and recording.needs_keyframe)
         for packet in self._encoder.encode(picture, job.index, keyframe=keyframe):
             self._broadcast.publish(packet)
             if recording is not None:
@@ -75,8 +80,17 @@ class Film:
             if owner is not None:
                 owner.timings.mark("first_packet")
         self.passed = job.index
+        if self._failures:
+            _log.error("frames can be made again after %d errors", self._failures)
+            self._failures = 0
         if keyframe:
             self._on_start()
+
+    def failed(self, error: BaseException) -> None:
+        """A frame cannot be made. Of many in a row the first is told."""
+        self._failures += 1
+        if self._failures == 1:
+            _log.error("a frame cannot be made", exc_info=error)
 
     def dropped(self, job: FrameJob) -> None:
         """A frame came too late. If decoding was to start there, it has to start at the next one."""

@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 import os
 import tempfile
 import threading
 from collections import deque
-from collections.abc import AsyncIterator, Callable, Iterable
+from collections.abc import AsyncIterator, Callable
 from fractions import Fraction
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import av
 
 from app.stream.broadcast import Broadcast
-from app.stream.container import Chunk, Format
+from app.stream.container import Chunk, Container, Format
 from app.stream.encoder import AacEncoder, VideoEncoder
 from app.stream.flv import FlvFormat
 from app.stream.fmp4 import Mp4Format
@@ -24,7 +25,9 @@ from app.stream.packet import Packet
 
 EARLY_PACKETS = 512  # sound kept until the first key frame comes (11 s); what is older is dropped
 
-_FORMATS: dict[str, Callable[[VideoEncoder, AacEncoder], Format]] = {"flv": FlvFormat, "mp4": Mp4Format}
+_log = logging.getLogger(__name__)
+
+_CONTAINERS: dict[Format, Callable[[VideoEncoder, AacEncoder], Container]] = {"flv": FlvFormat, "mp4": Mp4Format}
 
 
 class LiveMuxer:
@@ -42,41 +45,36 @@ class LiveMuxer:
 
     def __init__(
         self,
-        format: Literal["flv", "mp4"],
+        format: Format,
         source: Broadcast[Packet],
         video: VideoEncoder,
         audio: AacEncoder,
         *,
         queue_seconds: float = 4.0,
     ) -> None:
-        self._create: Callable[[], Format] = partial(_FORMATS[format], video, audio)
+        self._format = format
+        self._create: Callable[[], Container] = partial(_CONTAINERS[format], video, audio)
         self._source = source
         self._queue_seconds = queue_seconds
-        self._viewers = 0
         self._chunks: Broadcast[Chunk] | None = None
         self._task: asyncio.Task[None] | None = None
-
-    @property
-    def viewers(self) -> int:
-        """How many are watching now."""
-        return self._viewers
 
     async def watch(self) -> AsyncIterator[bytes]:
         """A viewer, from the first iteration until this generator is closed.
 
         It ends by itself after the end of the source, or when the viewer is too slow.
         """
+        if self._source.closed:
+            return
         if self._chunks is None or self._chunks.closed:
             self._chunks = Broadcast(self._queue_seconds)
             self._task = asyncio.create_task(self._mux(self._chunks))
         chunks = self._chunks
-        self._viewers += 1
         try:
             with chunks.subscribe() as subscription:
                 async for chunk in subscription:
                     yield chunk.data
         finally:
-            self._viewers -= 1
             if chunks.subscribers == 0 and self._chunks is chunks:
                 await self.close()
 
@@ -100,6 +98,8 @@ class LiveMuxer:
                         chunks.publish(chunk)
             for chunk in container.flush():
                 chunks.publish(chunk)
+        except Exception:
+            _log.exception("muxing %s failed; its viewers are disconnected", self._format)
         finally:
             chunks.close()
 
@@ -182,9 +182,11 @@ class Mp4File:
         """Leave nothing. After `finish` this does nothing."""
         with self._lock:
             output, self._output = self._output, None
-            if output is not None:
-                output.close()
-            self._part.unlink(missing_ok=True)
+            try:
+                if output is not None:
+                    output.close()
+            finally:
+                self._part.unlink(missing_ok=True)
 
     def _sound(self, packet: Packet) -> None:
         assert self._start is not None
@@ -199,10 +201,3 @@ class Mp4File:
         written.pts, written.dts = packet.pts - offset, packet.dts - offset
         written.stream = track
         self._output.mux(written)
-
-
-def write_mp4(path: Path, packets: Iterable[Packet], video: VideoEncoder, audio: AacEncoder | None) -> None:
-    """Write a whole file (see `Mp4File`). `packets` may be a generator; if it raises, nothing is left."""
-    with Mp4File(path, video, audio) as file:
-        for packet in packets:
-            file.add(packet)

@@ -18,20 +18,25 @@ class Narration:
     Args:
         make: called in the thread; its iterator is closed in the thread, too.
         deliver: called in the thread with every piece, and at the end once with None, or with the error that ended it.
-            Not called after `cancel`.
-        name: of the thread.
+            After `cancel` only the end comes, when the engine has returned.
+        name: of the thread, which does not keep the process from ending.
+
+    Attributes:
+        ended: nothing runs any more.
+        thread: in which it runs.
     """
 
     def __init__(
         self, make: Callable[[], Iterator[Piece]], deliver: Callable[[Piece | BaseException | None], None], name: str
     ) -> None:
+        self.ended = False
         self._make = make
         self._deliver = deliver
         self._room = threading.Semaphore(PIECES_AHEAD)
         self._cancelled = threading.Event()
         self._working_since: float | None = None
-        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
-        self._thread.start()
+        self.thread = threading.Thread(target=self._run, name=name, daemon=True)
+        self.thread.start()
 
     @property
     def seconds_on_piece(self) -> float:
@@ -48,11 +53,6 @@ class Narration:
         self._cancelled.set()
         self._room.release()
 
-    def join(self, timeout: float) -> bool:
-        """Wait for the thread; blocks. Returns whether it has ended."""
-        self._thread.join(timeout)
-        return not self._thread.is_alive()
-
     def _run(self) -> None:
         end: BaseException | None = None
         try:
@@ -68,5 +68,5 @@ class Narration:
             end = error
         finally:
             self._working_since = None
-        if not self._cancelled.is_set():
-            self._deliver(end)
+        self.ended = True
+        self._deliver(end)

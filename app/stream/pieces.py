@@ -27,7 +27,7 @@ HISTORY_FRAMES = 8
 Coefficients = NDArray[np.float32]
 
 
-class Mouth(Protocol):
+class Articulator(Protocol):
     """What is needed of an avatar here (see `app.engine.avatar.Avatar`)."""
 
     @property
@@ -56,17 +56,17 @@ class Piece:
 
 
 def pieces(
-    mouth: Mouth, speeches: Iterable[Speech], mark: Callable[[Stage], None] = lambda _stage: None
+    articulator: Articulator, speeches: Iterable[Speech], mark: Callable[[Stage], None] = lambda _stage: None
 ) -> Iterator[Piece]:
     """Turn speech into pieces, one for each and a last one in which the mouth comes to rest.
 
     Args:
-        mouth: the avatar.
+        articulator: the avatar.
         speeches: they follow each other without a gap; taken one by one as the pieces are.
         mark: told when the stages "speech" and "trajectory" are reached.
     """
     elapsed = Fraction(0)  # seconds; exact, so that nothing adds up
-    before = np.repeat(mouth.rest[None], HISTORY_FRAMES, axis=0)
+    before = np.repeat(articulator.rest[None], HISTORY_FRAMES, axis=0)
     end = 0
     for speech in speeches:
         mark("speech")
@@ -75,19 +75,19 @@ def pieces(
         end = round(elapsed * SAMPLE_RATE)
         first, frames = first_frame_at(start), first_frame_at(end) - first_frame_at(start)
         phones = _later(speech.phones, (first * FRAME_SAMPLES - start) / SAMPLE_RATE)
-        rows = mouth.trajectory(phones, frames, before=before) if frames else before[:0]
+        rows = articulator.trajectory(phones, frames, before=before) if frames else before[:0]
         before = np.concatenate([before, rows])[-HISTORY_FRAMES:]
         mark("trajectory")
         yield Piece(start, resample(speech.samples, speech.rate, end - start), first, rows)
     if end:
         first = first_frame_at(end)
         silence = np.zeros((first + REST_FRAMES) * FRAME_SAMPLES - end, np.float32)
-        yield Piece(end, silence, first, to_rest(mouth, REST_FRAMES, before))
+        yield Piece(end, silence, first, to_rest(articulator, REST_FRAMES, before))
 
 
-def to_rest(mouth: Mouth, frames: int, before: Coefficients) -> Coefficients:
+def to_rest(articulator: Articulator, frames: int, before: Coefficients) -> Coefficients:
     """A mouth that closes within so many frames; shape (frames, K)."""
-    return mouth.trajectory((Phone(SILENCE, 0.0, frames / FPS),), frames, before=before)
+    return articulator.trajectory((Phone(SILENCE, 0.0, frames / FPS),), frames, before=before)
 
 
 def _later(phones: Sequence[Phone], offset: float) -> list[Phone]:

@@ -5,15 +5,15 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
-import time
+import threading
 from collections import deque
 from collections.abc import Callable, Coroutine
 from pathlib import Path
 from typing import Any, Literal
 
 from app.config import Settings
-from app.errors import NotFound, OverCapacity, SpeechFailed
-from app.stream.clock import FPS
+from app.errors import OverCapacity, SpeechFailed
+from app.stream.clock import FPS, FRAME_SAMPLES
 from app.stream.encoder import AacEncoder, VideoEncoder
 from app.stream.events import Event, EventBoard
 from app.stream.narration import Narration
@@ -22,11 +22,14 @@ from app.stream.pieces import Piece
 from app.stream.recording import Recording
 from app.stream.timeline import Timeline
 from app.stream.utterance import Utterance
+from app.stream.utterances import Utterances
 
 MAX_QUEUED = 16
 """Utterances that may wait; one more is refused."""
-KEPT_UTTERANCES = 50
-"""Utterances a stream remembers; with the oldest its file goes."""
+MAX_NARRATIONS = 2
+"""Threads of a stream inside the speech engine: one that works, and one that was given up and does not return."""
+
+Outcome = Literal["done", "interrupted", "failed"]
 
 _log = logging.getLogger(__name__)
 
@@ -35,33 +38,45 @@ class Program:
     """Utterances of one stream, one after the other. All calls on the event loop.
 
     Args:
+        said: where they are kept.
         folder: for finished files.
         video, audio: the stream's encoders, whose packets the files hold.
         settings: of the service.
         events: told when an utterance starts, ends and fails.
+        make_timeline: makes the stream's timeline, whose clock starts then.
         on_change: there is something to do for `step`.
+
+    Attributes:
+        current: what is being said, until the clock has passed its end.
+        started: the event by which its beginning was told, None when its end has been told.
+        timeline: of the stream, from the first viewer or the first word on.
     """
 
     def __init__(
         self,
+        said: Utterances,
         folder: Path,
         video: VideoEncoder,
         audio: AacEncoder,
         settings: Settings,
         events: EventBoard,
+        make_timeline: Callable[[], Timeline[Utterance]],
         on_change: Callable[[], None],
     ) -> None:
-        self.utterances: dict[str, Utterance] = {}
         self.current: Utterance | None = None
+        self.started: Event | None = None
+        self.timeline: Timeline[Utterance] | None = None
+        self._said = said
         self._folder = folder
         self._video = video
         self._audio = audio
         self._settings = settings
         self._events = events
-        self.started: Event | None = None
+        self._make_timeline = make_timeline
         self._on_change = on_change
         self._loop = asyncio.get_running_loop()
         self._queue: deque[Utterance] = deque()
+        self._narrations: list[Narration] = []  # those not seen to have ended
         self._open: list[Utterance] = []  # those whose files are not finished
         self._finishing: set[asyncio.Task[None]] = set()
 
@@ -84,7 +99,18 @@ class Program:
     def last_words(self) -> bool:
         """Everything said so far has its place on the clock, and nothing is queued."""
         current = self.current
-        return bool(self.utterances) and not self._queue and (current is None or current.end is not None)
+        return bool(self._said) and not self._queue and (current is None or current.end is not None)
+
+    @property
+    def over(self) -> bool:
+        """Something has been said, and nothing is left to do."""
+        return bool(self._said) and not self.busy
+
+    def start_timeline(self) -> Timeline[Utterance]:
+        """The timeline, made by the first call."""
+        if self.timeline is None:
+            self.timeline = self._make_timeline()
+        return self.timeline
 
     def check_room(self) -> None:
         """Raise OverCapacity if nothing more can be queued."""
@@ -93,48 +119,45 @@ class Program:
 
     def add(self, utterance: Utterance) -> None:
         """Queue an utterance; its narration begins when those before it are made."""
-        self.utterances[utterance.id] = utterance
         self._queue.append(utterance)
+        self._said.add(utterance)
         self._narrate_next()
-        self._forget_oldest()
         self._on_change()
 
-    def interrupt(self, timeline: Timeline[Utterance] | None, now: float) -> None:
+    def interrupt(self, now: float) -> None:
         """Forget what waits and cut short what is being said."""
         while self._queue:
-            utterance = self._queue.popleft()
-            utterance.cancel()
-            utterance.state = "interrupted"
+            self._conclude(self._queue.popleft(), "interrupted", None)
         current = self.current
-        if current is not None and current.state == "speaking" and timeline is not None:
-            current.cancel()
-            self._close(current, timeline, timeline.interrupt(now, current), "interrupted")
+        if current is not None and current.state == "speaking":
+            self._close(current, self.start_timeline().interrupt(now, current))
+            self._conclude(current, "interrupted", current.end)
         self._on_change()
 
-    def find(self, utterance: str) -> Utterance:
-        """The utterance of this id; NotFound if there is none (any more)."""
-        found = self.utterances.get(utterance)
-        if found is None:
-            raise NotFound(f"no utterance {utterance}")
-        return found
+    def stop(self) -> None:
+        """The stream ends here and now: what is not finished is interrupted."""
+        self._queue.clear()
+        for utterance in self._said:
+            if utterance.finished:
+                continue
+            if utterance.start is not None:
+                passed = max(utterance.start, self.start_timeline().sent // FRAME_SAMPLES)
+                utterance.end = passed if utterance.end is None else min(passed, utterance.end)
+            self._conclude(utterance, "interrupted", utterance.end)
 
-    def step(
-        self, now: float, may_start: Callable[[Utterance], bool], start: Callable[[], Timeline[Utterance]]
-    ) -> None:
+    def step(self, now: float, *, watched: bool) -> None:
         """Bring what is said up to date.
 
         Args:
             now: seconds on the clock.
-            may_start: whether this utterance, the next, may be spoken now.
-            start: gives the stream's timeline; called when something is to be spoken.
+            watched: speech may start; otherwise it waits `stream.start_seconds`.
         """
         self._check_narrations()
-        if self.current is not None:
-            self._finish_current(start(), now)
+        self._finish_current()
         if self.current is None:
-            self._start_next(now, may_start, start)
+            self._start_next(now, watched)
         if self.current is not None and self.current.end is None:
-            self._place(self.current, start(), now)
+            self._place(self.current, now)
 
     def record(self, packet: Packet) -> None:
         """Give the files a packet of the stream's sound."""
@@ -146,51 +169,45 @@ class Program:
         """Finish the files that have all they need; `passed` is the last frame encoded or dropped."""
         for utterance in list(self._open):
             recording, end = utterance.recording, utterance.end
-            if recording is not None and end is not None and recording.complete and passed >= end - 1:
+            if recording is None or recording.failed:
+                self._open.remove(utterance)
+            elif recording.has_all_sound and end is not None and passed >= end - 1:
                 self._open.remove(utterance)
                 self._background(asyncio.to_thread(recording.finish))
 
-    def expire(self, keep_seconds: float) -> bool:
-        """Delete files that were finished longer ago; returns whether any are left."""
-        now = time.monotonic()
-        left = False
-        for utterance in self.utterances.values():
-            recording = utterance.recording
-            if recording is not None and recording.ready:
-                if now - recording.finished_at >= keep_seconds:
-                    recording.remove()
-                else:
-                    left = True
-        return left
-
     async def close(self) -> None:
-        """Stop everything; what is not finished is interrupted and has no file. Waits for the narrations' threads."""
-        for utterance in self.utterances.values():
-            if not utterance.finished:
-                utterance.cancel()
-                utterance.state = "interrupted"
-        for utterance in self._open:
-            if utterance.recording is not None:
-                await asyncio.to_thread(utterance.recording.remove)
-        self._queue.clear()
+        """Let go of everything, after `stop`; what has no finished file will have none.
+
+        A speech engine in the middle of a sentence is not waited for.
+        """
+        unfinished = [utterance.recording for utterance in self._open if utterance.recording is not None]
         self._open.clear()
         self.current = None
+        await asyncio.gather(*(asyncio.to_thread(each.remove) for each in unfinished), return_exceptions=True)
         await asyncio.gather(*self._finishing, return_exceptions=True)
-        for utterance in self.utterances.values():
-            narration = utterance.narration
-            if narration is not None and not await asyncio.to_thread(narration.join, self._settings.speech.seconds):
-                _log.error("a speech engine does not return; its thread is left behind")
+        for narration in self._narrations:
+            self._loop.call_later(self._settings.speech.seconds, _report_left, narration.thread)
 
     # --- speech -------------------------------------------------------------------------------------------------------
 
     def _narrate_next(self) -> None:
         # One at a time: the next text becomes speech when the one before is made, not before it is needed.
-        for utterance in [self.current, *self._queue]:
-            if utterance is None or utterance.narrated:
-                continue
-            if utterance.narration is None:
+        for utterance in self._unnarrated():
+            if utterance.narration is None and self._engine_is_free():
                 utterance.narration = Narration(utterance.make, self._deliverer(utterance), "mary-narration")
+                self._narrations.append(utterance.narration)
             return
+
+    def _unnarrated(self) -> list[Utterance]:
+        return [each for each in [self.current, *self._queue] if each is not None and not each.narrated]
+
+    def _engine_is_free(self) -> bool:
+        # A sentence cannot be stopped: what was cancelled goes on for a while, and must not add up.
+        self._narrations = [each for each in self._narrations if not each.ended]
+        return len(self._narrations) < MAX_NARRATIONS and all(map(self._hangs, self._narrations))
+
+    def _hangs(self, narration: Narration) -> bool:
+        return narration.seconds_on_piece >= self._settings.speech.seconds
 
     def _deliverer(self, utterance: Utterance) -> Callable[[Piece | BaseException | None], None]:
         def deliver(piece: Piece | BaseException | None) -> None:
@@ -200,46 +217,46 @@ class Program:
         return deliver
 
     def _delivered(self, utterance: Utterance, piece: Piece | BaseException | None) -> None:
-        if utterance.narrated:
-            return  # cancelled meanwhile
-        if isinstance(piece, Piece):
-            utterance.ready.append(piece)
-        elif piece is None:
-            utterance.narrated = True
-        else:
-            self._fail(utterance, piece)
+        if not utterance.narrated:  # otherwise it was given up meanwhile
+            if isinstance(piece, Piece):
+                utterance.ready.append(piece)
+            elif piece is None:
+                utterance.narrated = True
+            else:
+                self._fail(utterance, piece)
         self._narrate_next()
         self._on_change()
 
     def _check_narrations(self) -> None:
         limit = self._settings.speech.seconds
-        for utterance in [self.current, *self._queue]:
-            narration = utterance.narration if utterance is not None else None
-            if utterance is None or utterance.narrated or narration is None or narration.seconds_on_piece < limit:
-                continue
-            narration.cancel()
-            self._fail(utterance, SpeechFailed(f"the speech engine took longer than {limit:g} s for one sentence"))
-            self._narrate_next()
+        hanging = [each for each in self._narrations if not each.ended and self._hangs(each)]
+        for utterance in self._unnarrated():
+            if utterance.narration in hanging:
+                self._fail(utterance, SpeechFailed(f"the speech engine took longer than {limit:g} s for one sentence"))
+            elif utterance.narration is None and len(hanging) >= MAX_NARRATIONS:
+                self._fail(utterance, SpeechFailed("the speech engine does not return from earlier sentences"))
+        self._narrate_next()
 
     def _fail(self, utterance: Utterance, error: BaseException) -> None:
+        if utterance.narration is not None:
+            utterance.narration.cancel()
         utterance.fail(error)
         _log.warning("an utterance failed: %s", type(error).__name__)
         self._events.post(Event("error", {"utterance": utterance.id, "message": utterance.error}))
 
     # --- on the clock -------------------------------------------------------------------------------------------------
 
-    def _start_next(
-        self, now: float, may_start: Callable[[Utterance], bool], start: Callable[[], Timeline[Utterance]]
-    ) -> None:
+    def _start_next(self, now: float, watched: bool) -> None:
         while self._queue:
             utterance = self._queue[0]
-            if not utterance.ready and utterance.narrated:  # nothing came of it
+            if utterance.narrated and not utterance.ready:  # nothing came of it
                 self._queue.popleft()
-                utterance.state = "failed" if utterance.error else "done"
+                self._conclude(utterance, "failed" if utterance.error else "done", None)
                 continue
-            if utterance.ready and may_start(utterance):
+            waited = now - utterance.received >= self._settings.stream.start_seconds
+            if utterance.ready and (watched or waited):
                 self._queue.popleft()
-                timeline = start()
+                timeline = self.start_timeline()
                 if utterance.phase is not None:
                     timeline.set_phase(utterance.phase)
                 utterance.base = timeline.begin(now)
@@ -247,68 +264,64 @@ class Program:
                 self.current = utterance
             return
 
-    def _place(self, utterance: Utterance, timeline: Timeline[Utterance], now: float) -> None:
+    def _place(self, utterance: Utterance, now: float) -> None:
+        timeline = self.start_timeline()
         while utterance.ready:
-            piece = utterance.ready.popleft()
-            if utterance.narration is not None:
-                utterance.narration.taken()
             if utterance.recording is None:
                 path = self._folder / f"{utterance.id}.mp4"
                 utterance.recording = Recording(path, self._video, self._audio, utterance.base)
                 self._open.append(utterance)
+            piece = utterance.ready[0]
             utterance.base += timeline.place(piece, utterance.base, utterance, now)
+            utterance.ready.popleft()
+            if utterance.narration is not None:
+                utterance.narration.taken()
             utterance.last = utterance.base + piece.frame + len(piece.coefficients)
             if utterance.start is None:
                 utterance.start = utterance.base
                 loop_frame = timeline.loop_frame(utterance.base)
-                self.started = self._post("speak_started", utterance, timeline, utterance.base, loop_frame=loop_frame)
+                self.started = self._post("speak_started", utterance, utterance.base, loop_frame=loop_frame)
         if utterance.narrated and utterance.error:
-            self._close(utterance, timeline, timeline.close_mouth(now, utterance), "failed")
+            self._close(utterance, timeline.close_mouth(now, utterance))
+            self._conclude(utterance, "failed", utterance.end)
         elif utterance.narrated:
-            self._close(utterance, timeline, utterance.last, "speaking")
+            self._close(utterance, utterance.last)
 
-    def _close(
-        self,
-        utterance: Utterance,
-        timeline: Timeline[Utterance],
-        end: int,
-        state: Literal["speaking", "interrupted", "failed"],
-    ) -> None:
+    def _close(self, utterance: Utterance, end: int) -> None:
         # Its end is known. It remains the current one until the clock gets there.
         utterance.end = end
-        utterance.state = state
         if utterance.recording is not None:
             utterance.recording.end_at(end)
-        if state != "speaking":
-            self.started = None
-            self._post("speak_ended", utterance, timeline, end, reason=state)
 
-    def _finish_current(self, timeline: Timeline[Utterance], now: float) -> None:
+    def _finish_current(self) -> None:
+        # By the sound that has left and not by the time: after a pause of the whole process there is more to be sent.
         current = self.current
-        if current is None or current.end is None or timeline.clock.frame_release(current.end) > now:
+        if current is None or current.end is None or self.start_timeline().sent < current.end * FRAME_SAMPLES:
             return
+        if not current.finished:
+            self._conclude(current, "done", current.end)
         self.current = None
-        if current.state == "speaking":
-            current.state = "done"
-            self.started = None
-            self._post("speak_ended", current, timeline, current.end, reason="done")
 
-    def _post(self, name: str, utterance: Utterance, timeline: Timeline[Utterance], frame: int, **more: Any) -> Event:
-        wall_ms = timeline.clock.wall_ms(frame)
-        event = Event(name, {"utterance": utterance.id, "media_time": frame / FPS, "wall_ms": wall_ms, **more})
+    def _conclude(self, utterance: Utterance, outcome: Outcome, frame: int | None) -> None:
+        # Every utterance comes here exactly once; `frame` is None if nothing of it was to be heard.
+        utterance.finish(outcome)
+        if utterance is self.current:
+            self.started = None
+        self._post("speak_ended", utterance, frame, reason=outcome)
+
+    def _post(self, name: str, utterance: Utterance, frame: int | None, **more: Any) -> Event:
+        media_time = None if frame is None else frame / FPS
+        wall_ms = None if frame is None else self.start_timeline().clock.wall_ms(frame)
+        event = Event(name, {"utterance": utterance.id, "media_time": media_time, "wall_ms": wall_ms, **more})
         self._events.post(event)
         return event
-
-    def _forget_oldest(self) -> None:
-        while len(self.utterances) > KEPT_UTTERANCES:
-            oldest = next(iter(self.utterances.values()))
-            if not oldest.finished or oldest in self._open:
-                return
-            del self.utterances[oldest.id]
-            if oldest.recording is not None:
-                oldest.recording.remove()
 
     def _background(self, work: Coroutine[Any, Any, None]) -> None:
         task = self._loop.create_task(work)
         self._finishing.add(task)
         task.add_done_callback(self._finishing.discard)
+
+
+def _report_left(thread: threading.Thread) -> None:
+    if thread.is_alive():
+        _log.error("a speech engine does not return; its thread is left behind")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import threading
 import time
@@ -26,7 +27,7 @@ class Recording:
 
     Attributes:
         ready: the file is there.
-        failed: it will never be.
+        failed: it will never be; there is nothing to wait for.
         finished_at: when it was finished, seconds on the monotonic clock.
     """
 
@@ -47,14 +48,19 @@ class Recording:
             self._fail()
 
     @property
-    def started(self) -> bool:
-        """It has its first key frame."""
-        return self._started
+    def needs_keyframe(self) -> bool:
+        """It can begin with a key frame only, and has none yet."""
+        return not self._started and not self.failed
 
     @property
-    def complete(self) -> bool:
+    def has_all_sound(self) -> bool:
         """Its end is known and all its sound is there."""
         return self._end_sample is not None and self._last_sound >= self._end_sample
+
+    @property
+    def settled(self) -> bool:
+        """It is ready or never will be."""
+        return self.ready or self.failed
 
     def end_at(self, frame: int) -> None:
         """The file ends before this frame of the stream."""
@@ -86,11 +92,11 @@ class Recording:
                 return
             try:
                 file.finish() if self._started else file.discard()
-                self.ready = self._started
             except Exception:
                 self._fail()
-            self.failed = not self.ready
+                return
             self.finished_at = time.monotonic()
+            self.ready, self.failed = self._started, not self._started
 
     def remove(self) -> None:
         """Delete the file, or give it up."""
@@ -106,4 +112,5 @@ class Recording:
         self.failed = True
         file, self._file = self._file, None
         if file is not None:
-            file.discard()
+            with contextlib.suppress(Exception):  # what cannot be written may not be closed properly either
+                file.discard()

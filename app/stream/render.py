@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Callable, Iterable
+from contextlib import closing, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from app.config import Settings
-from app.engine.pool import FrameJob, OrderedPool, Picture
+from app.engine.frame import Picture
+from app.engine.pool import FrameJob, OrderedPool
 from app.errors import NothingToSay
 from app.speech import Speech
 from app.stream.clock import FPS
@@ -55,10 +56,6 @@ def render_file(
     """
     manifest = avatar.manifest
     background = loop_frame or (lambda frame: frame % manifest.loop_frames)
-    video = VideoEncoder(
-        manifest.width, manifest.height, FPS, preset=settings.render.preset, crf=settings.render.crf, live=False
-    )
-    audio = AacEncoder()
     frames = 0
 
     def draw(job: FrameJob) -> Picture:
@@ -66,7 +63,15 @@ def render_file(
         avatar.render(job.payload, background(job.index), picture)
         return picture
 
-    with Mp4File(path, video, audio) as file:
+    with (
+        closing(
+            VideoEncoder(
+                manifest.width, manifest.height, FPS, preset=settings.render.preset, crf=settings.render.crf, live=False
+            )
+        ) as video,
+        closing(AacEncoder()) as audio,
+        Mp4File(path, video, audio) as file,
+    ):
 
         def encode(job: FrameJob, picture: Picture) -> None:
             for packet in video.encode(picture, job.index):
@@ -88,6 +93,6 @@ def render_file(
                 file.add(packet)
         finally:
             lane.close()
-            with contextlib.suppress(Exception):  # what failed is being raised already
+            with suppress(Exception):  # what failed is being raised already
                 lane.wait()  # then nothing writes to the file any more
     return frames

@@ -15,6 +15,7 @@ from app.config import Settings
 from app.engine.pool import OrderedPool
 from app.errors import NotFound, OverCapacity
 from app.stream.live import LiveStream, StreamOptions
+from app.stream.seats import Seats
 from app.stream.timeline import IdlePhase
 from app.stream.timing import LatencyLog
 from app.stream.utterance import Narrator
@@ -23,6 +24,8 @@ if TYPE_CHECKING:
     from app.engine.avatar import Avatar
 
 REAP_SECONDS = 1.0
+KEPT_ENDED = 100
+"""Streams remembered after their end; with the oldest its files go."""
 
 _log = logging.getLogger(__name__)
 
@@ -31,7 +34,7 @@ class Streams:
     """An asynchronous context manager: while it is open, idle streams end by themselves; leaving it ends all.
 
     A stream that has ended is remembered for `stream.keep_seconds`, with its files if it ended by itself, so that its
-    viewers learn that it is gone and its videos can be fetched.
+    viewers learn that it is gone and its videos can be fetched; but no more than `KEPT_ENDED` are.
 
     Args:
         settings: of the service.
@@ -47,8 +50,8 @@ class Streams:
         self._settings = settings
         self._narrator = narrator
         self._pool = pool
+        self._webrtc_seats = Seats(settings.webrtc.max_viewers, "WebRTC viewers")
         self._streams: dict[str, LiveStream] = {}
-        self._ended_at: dict[str, float] = {}
         self._folder = Path(tempfile.mkdtemp(prefix="mary-streams-"))
         self._reaper: asyncio.Task[None] | None = None
 
@@ -76,6 +79,7 @@ class Streams:
             raise OverCapacity(
                 f"{self._settings.stream.max_streams} streams are running", advice="Try again when one has ended."
             )
+        self._forget_oldest()
         folder = Path(tempfile.mkdtemp(dir=self._folder))
         stream = LiveStream(
             avatar,
@@ -87,6 +91,7 @@ class Streams:
             latency=self.latency,
             options=options or StreamOptions(),
             phase=phase,
+            webrtc_seats=self._webrtc_seats,
         )
         self._streams[stream.id] = stream
         return stream
@@ -94,7 +99,7 @@ class Streams:
     @property
     def running(self) -> int:
         """Streams that have not ended."""
-        return sum(stream.state != "ended" for stream in self._streams.values())
+        return sum(stream.ended_at is None for stream in self._streams.values())
 
     def get(self, stream: str) -> LiveStream:
         """The stream of this id, which may have ended.
@@ -116,18 +121,17 @@ class Streams:
         await self.get(stream).end()
 
     async def reap(self) -> None:
-        """End streams that are idle, delete files that have expired, and forget streams that ended long ago."""
+        """Let idle streams end, delete files that have expired, and forget streams that ended long ago."""
         now = time.monotonic()
         limits = self._settings.stream
-        for id, stream in list(self._streams.items()):
-            if stream.state != "ended":
-                if stream.idle_since is not None and now - stream.idle_since >= limits.idle_seconds:
-                    await stream.end(keep_files=True)
-                stream.expire(limits.keep_seconds)
-                continue
-            ended_at = self._ended_at.setdefault(id, now)
-            if not stream.expire(limits.keep_seconds) and now - ended_at >= limits.keep_seconds:
-                del self._streams[id], self._ended_at[id]
+        for stream in list(self._streams.values()):
+            if stream.idle_since is not None and now - stream.idle_since >= limits.idle_seconds:
+                stream.stop()  # nobody waits for it, so one that ends slowly holds up no other
+            files_left = stream.expire(limits.keep_seconds)
+            ended = stream.ended_at is not None and now - stream.ended_at >= limits.keep_seconds
+            if ended and not files_left:
+                self._forget(stream)
+        self._forget_oldest()
 
     async def close(self) -> None:
         """End all streams and delete all files. Idempotent."""
@@ -135,14 +139,20 @@ class Streams:
             self._reaper.cancel()
             await asyncio.gather(self._reaper, return_exceptions=True)
             self._reaper = None
-        results = await asyncio.gather(*(stream.end() for stream in self._streams.values()), return_exceptions=True)
-        for error in results:
-            if isinstance(error, BaseException):
-                _log.error("a stream did not end cleanly", exc_info=error)
+        await asyncio.gather(*(stream.end() for stream in self._streams.values()))
         self._streams.clear()
-        self._ended_at.clear()
         with contextlib.suppress(FileNotFoundError):
             await asyncio.to_thread(shutil.rmtree, self._folder)
+
+    def _forget_oldest(self) -> None:
+        ended = [(stream.ended_at, stream) for stream in self._streams.values() if stream.ended_at is not None]
+        ended.sort(key=lambda pair: pair[0])
+        for _, stream in ended[: max(0, len(ended) - KEPT_ENDED)]:
+            self._forget(stream)
+
+    def _forget(self, stream: LiveStream) -> None:
+        if self._streams.pop(stream.id, None) is not None:
+            shutil.rmtree(stream.folder, ignore_errors=True)
 
     async def _reap_forever(self) -> None:
         while True:

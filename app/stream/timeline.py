@@ -11,7 +11,7 @@ import numpy as np
 
 from app.engine.pool import FrameJob, Lane
 from app.stream.clock import BLOCK_SAMPLES, FPS, FRAME_SAMPLES, StreamClock, first_frame_at
-from app.stream.pieces import HISTORY_FRAMES, Coefficients, Mouth, Piece, to_rest
+from app.stream.pieces import HISTORY_FRAMES, Articulator, Coefficients, Piece, to_rest
 from app.stream.soundtrack import Samples, Soundtrack
 
 EASE_FRAMES = 6
@@ -59,7 +59,7 @@ class Timeline(Generic[Owner]):
     can be taken back. Sound leaves in blocks of 20 ms, each at its own time.
 
     Args:
-        mouth: the avatar.
+        articulator: the avatar.
         loop_frames: length of its background loop.
         clock: what frames and samples are timed by.
         lane: where the frames go.
@@ -68,19 +68,27 @@ class Timeline(Generic[Owner]):
 
     Attributes:
         clock: of the stream.
+        sent: samples whose sound has left. After a pause of the whole process this is behind `clock`.
     """
 
     def __init__(
-        self, mouth: Mouth, loop_frames: int, clock: StreamClock, lane: Lane, *, encode_ahead: float, horizon: float
+        self,
+        articulator: Articulator,
+        loop_frames: int,
+        clock: StreamClock,
+        lane: Lane,
+        *,
+        encode_ahead: float,
+        horizon: float,
     ) -> None:
-        self._mouth = mouth
+        self._articulator = articulator
         self._loop_frames = loop_frames
         self.clock = clock
         self._lane = lane
         self._encode_ahead = encode_ahead
         self._horizon = horizon
         self._sound = Soundtrack()
-        self._sent = 0  # samples that have left
+        self.sent = 0
         self._next = 0  # the next frame to submit
         self._shift = 0  # loop frame of frame 0
         self._phase: IdlePhase | None = None
@@ -100,7 +108,7 @@ class Timeline(Generic[Owner]):
     def begin(self, now: float) -> int:
         """The first frame that can still be chosen; idle frames that wait to be encoded are taken back for it."""
         self._catch_up(now)
-        frame = first_frame_at(self._sent)
+        frame = first_frame_at(self.sent)
         self._take_back(frame)
         return max(frame, self._next)
 
@@ -120,7 +128,7 @@ class Timeline(Generic[Owner]):
         self._catch_up(now)
         frame = base + piece.frame
         sample = base * FRAME_SAMPLES + piece.sample
-        delay = first_frame_at(max(0, self._sent - sample))
+        delay = first_frame_at(max(0, self.sent - sample))
         self._take_back(frame + delay)
         delay = max(delay, self._next - frame)
         self._sound.add(sample + delay * FRAME_SAMPLES, piece.samples)
@@ -136,7 +144,7 @@ class Timeline(Generic[Owner]):
             owner: the utterance whose next piece is late, or None when idle.
         """
         self._catch_up(now)
-        frame = max(self._next, first_frame_at(self._sent))
+        frame = max(self._next, first_frame_at(self.sent))
         last = int((now + self._horizon - self.clock.origin) * FPS)
         if frame > last:
             return
@@ -148,34 +156,34 @@ class Timeline(Generic[Owner]):
     def close_mouth(self, now: float, owner: Owner) -> int:
         """Bring the mouth to rest after what has been placed; returns the frame after that."""
         self._catch_up(now)
-        frame = max(self._speech_end, first_frame_at(self._sent))
+        frame = max(self._speech_end, first_frame_at(self.sent))
         self._take_back(frame)
         return self._ease(max(frame, self._next), owner)
 
     def interrupt(self, now: float, owner: Owner) -> int:
         """Fade the sound out and close the mouth, from what cannot be taken back on; returns the frame after that."""
         self._catch_up(now)
-        frame = first_frame_at(self._sent)
+        frame = first_frame_at(self.sent)
         self._take_back(frame)
-        self._sound.cut(self._sent)
+        self._sound.cut(self.sent)
         return self._ease(max(frame, self._next), owner)
 
     def stop(self, now: float) -> None:
         """No more video for now: take back what waits to be encoded."""
         self._catch_up(now)
-        self._take_back(first_frame_at(self._sent))
+        self._take_back(first_frame_at(self.sent))
 
     def sound(self, now: float) -> Iterator[tuple[int, Samples]]:
         """The blocks that have to leave now: first sample, and `BLOCK_SAMPLES` samples."""
         self._catch_up(now)
         due = self.clock.due_sample(now)
-        while self._sent < due:
-            block = self._sound.read(self._sent, BLOCK_SAMPLES)
-            position, self._sent = self._sent, self._sent + BLOCK_SAMPLES
+        while self.sent < due:
+            block = self._sound.read(self.sent, BLOCK_SAMPLES)
+            position, self.sent = self.sent, self.sent + BLOCK_SAMPLES
             yield position, block
 
     def _ease(self, frame: int, owner: Owner | None) -> int:
-        rows = to_rest(self._mouth, EASE_FRAMES, self._before(frame))
+        rows = to_rest(self._articulator, EASE_FRAMES, self._before(frame))
         self._submit(frame, list(rows), owner, start=False)
         self._remember(frame, rows)
         return frame + EASE_FRAMES
@@ -187,8 +195,8 @@ class Timeline(Generic[Owner]):
     def _catch_up(self, now: float) -> None:
         # Nobody has taken sound for a while because nobody listened: the clock went on without us.
         due = self.clock.due_sample(now)
-        if not self._sound.end and due - self._sent > FRAME_SAMPLES:
-            self._sent = due - BLOCK_SAMPLES
+        if not self._sound.end and due - self.sent > FRAME_SAMPLES:
+            self.sent = due - BLOCK_SAMPLES
 
     def _take_back(self, frame: int) -> None:
         # Frames from `frame` on were submitted without gaps: gaps only come from time passing.
@@ -217,13 +225,13 @@ class Timeline(Generic[Owner]):
     def _remember(self, frame: int, rows: Coefficients) -> None:
         if len(rows):
             self._mouths.append((frame, rows))
-        past = first_frame_at(self._sent) - HISTORY_FRAMES
+        past = first_frame_at(self.sent) - HISTORY_FRAMES
         while self._mouths and self._mouths[0][0] + len(self._mouths[0][1]) < past:
             self._mouths.popleft()
 
     def _before(self, frame: int) -> Coefficients:
         # The mouths of the frames just before, the mouth at rest where there was only background.
-        rows = np.repeat(self._mouth.rest[None], HISTORY_FRAMES, axis=0)
+        rows = np.repeat(self._articulator.rest[None], HISTORY_FRAMES, axis=0)
         for first, block in self._mouths:
             for n in range(max(first, frame - HISTORY_FRAMES), min(first + len(block), frame)):
                 rows[n - frame + HISTORY_FRAMES] = block[n - first]

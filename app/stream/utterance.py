@@ -52,17 +52,32 @@ class UtteranceReport:
     error: str
 
 
+def _nothing() -> Iterator[Piece]:
+    return iter(())
+
+
 @dataclass(eq=False)
 class Utterance:
-    """What `LiveStream.say` returns.
+    """What `LiveStream.say` returns. Frames are those of the stream's clock.
 
     Attributes:
         characters: length of the text, which itself is not kept.
         unread: what of it cannot be read.
+        phase: where the page's idle clip was when it was asked for.
+        id: 128 random bits.
+        state: "queued" until its first frame has its place, "speaking" until the clock has passed its last one.
         timings: milliseconds from the request to each stage.
         recording: its file, from the first frame on.
-        start: its first frame on the stream's clock, None before it is spoken.
+        start: its first frame, None before it is spoken.
         end: the frame after its last, None before that is known.
+        error: why it failed, for the caller to read.
+        received: when it was asked for, seconds on the monotonic clock.
+        narration: makes its pieces, once its turn has come.
+        make: what the narration runs.
+        last: the frame after those placed so far.
+        base: the frame its pieces count from: `start` and all delays since.
+        ready: pieces made and not placed, at most `PIECES_AHEAD`.
+        narrated: no more pieces will come.
     """
 
     characters: int
@@ -77,11 +92,11 @@ class Utterance:
     error: str = ""
     received: float = field(default_factory=time.monotonic)
     narration: Narration | None = None
-    make: Callable[[], Iterator[Piece]] = lambda: iter(())
-    last: int = 0  # the frame after those placed so far
-    base: int = 0  # the frame its pieces count from: `start` and all delays since
-    ready: deque[Piece] = field(default_factory=deque)  # bounded by PIECES_AHEAD
-    narrated: bool = False  # no more pieces will come
+    make: Callable[[], Iterator[Piece]] = field(default=_nothing)
+    last: int = 0
+    base: int = 0
+    ready: deque[Piece] = field(default_factory=deque)
+    narrated: bool = False
 
     @property
     def finished(self) -> bool:
@@ -92,6 +107,12 @@ class Utterance:
         """Its speech cannot be made; the message is for the caller to read."""
         self.error = error.message if isinstance(error, MaryError) else f"{type(error).__name__}: {error}"
         self.narrated = True
+
+    def finish(self, state: Literal["done", "interrupted", "failed"]) -> None:
+        """It is over; what made it is let go, what became of it stays."""
+        self.cancel()
+        self.state = state
+        self.narration, self.make = None, _nothing
 
     def cancel(self) -> None:
         """Make no more pieces and forget those not placed."""

@@ -11,7 +11,7 @@ from typing import Any
 from aiortc import RTCConfiguration, RTCPeerConnection, RTCRtpSender, RTCSessionDescription
 from aiortc.sdp import SessionDescription
 
-from app.errors import NegotiationFailed
+from app.errors import NegotiationFailed, OverCapacity
 from app.stream.broadcast import Broadcast
 from app.stream.ice import offer_addresses, usable_candidates
 from app.stream.packet import Kind, Packet
@@ -117,6 +117,7 @@ async def answer(
 
     Raises:
         NegotiationFailed: the offer is no SDP, or wants nothing that can be sent.
+        OverCapacity: no socket can be opened.
     """
     kinds = _wanted(offer)
     # No servers: without this aiortc would ask a public STUN server, and wait for it.
@@ -138,6 +139,13 @@ async def answer(
         await connection.setRemoteDescription(RTCSessionDescription(usable_candidates(offer), "offer"))
         await connection.setLocalDescription(await connection.createAnswer())
         sdp = connection.localDescription.sdp
+        if "a=candidate:" not in sdp:  # aioice goes on without the sockets it cannot open
+            raise OSError("no UDP socket could be opened")
+    except OSError as error:  # the server's trouble, not the offer's
+        await _close(connection, transports)
+        raise OverCapacity(
+            f"no connection can be opened: {error}", advice="Try again when viewers have gone."
+        ) from error
     except Exception as error:
         await _close(connection, transports)
         raise NegotiationFailed(

@@ -1,8 +1,10 @@
 from __future__ import annotations
 
+import gc
 import math
 import threading
 import time
+import weakref
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -11,7 +13,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from app.engine.pool import BUFFERED_FRAMES, FrameJob, Lane, OrderedPool, Picture
+from app.engine.frame import Picture
+from app.engine.pool import BUFFERED_FRAMES, FrameJob, Lane, OrderedPool
 
 PATIENCE = 20.0
 
@@ -505,3 +508,30 @@ def test_random_discards_lose_nothing_and_repeat_nothing(
         assert lane.wait(PATIENCE)
         assert lane.encoded == following
     assert encoded == sorted(expected.items())
+
+
+def test_a_waiting_worker_keeps_nothing_of_the_lane_it_last_worked_for() -> None:
+    pool = OrderedPool(2)
+
+    class Owner:
+        def synthesise(self, job: FrameJob) -> Picture:
+            return picture_of(job)
+
+        def encode(self, job: FrameJob, picture: Picture) -> None:
+            pass
+
+    try:
+        owner = Owner()
+        kept = weakref.ref(owner)
+        lane = pool.open(owner.synthesise, owner.encode)
+        lane.submit(FrameJob(n, 0.0) for n in range(20))
+        lane.finish()
+        assert lane.wait(PATIENCE)
+        del owner, lane
+        give_up = time.monotonic() + PATIENCE
+        while kept() is not None:  # until the last worker waits again
+            assert time.monotonic() < give_up
+            gc.collect()
+            time.sleep(0.01)
+    finally:
+        pool.close()

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from app.stream.encoder import AAC_FRAME, OPUS_FRAME, SAMPLE_RATE, AacEncoder, OpusEncoder, VideoEncoder
+from app.stream.clock import SAMPLE_RATE
+from app.stream.encoder import AAC_FRAME, OPUS_FRAME, AacEncoder, OpusEncoder, VideoEncoder
 from app.stream.packet import Packet
 
 WIDTH, HEIGHT, FPS = 128, 128, 25

@@ -13,9 +13,10 @@ from puppet import BACKGROUND, OPEN, SIZE, TinyAvatar, TinyNarrator, until
 
 from app.config import Settings
 from app.engine.pool import OrderedPool
-from app.errors import NegotiationFailed, NotFound
+from app.errors import NegotiationFailed, NotFound, OverCapacity
 from app.stream.ice import offer_addresses
 from app.stream.live import LiveStream, StreamOptions
+from app.stream.seats import Seats
 from app.stream.timing import LatencyLog
 
 SETTINGS = Settings(stream={"preset": "ultrafast", "crf": 12, "start_seconds": 60})
@@ -70,7 +71,7 @@ def pool() -> Iterator[OrderedPool]:
 async def make(pool: OrderedPool, tmp_path: Path) -> AsyncIterator[Any]:
     streams: list[LiveStream] = []
 
-    def create(**options: Any) -> LiveStream:
+    def create(webrtc_seats: Seats | None = None, **options: Any) -> LiveStream:
         streams.append(
             LiveStream(
                 TinyAvatar(),  # type: ignore[arg-type]
@@ -81,6 +82,7 @@ async def make(pool: OrderedPool, tmp_path: Path) -> AsyncIterator[Any]:
                 folder=tmp_path,
                 latency=LatencyLog(),
                 options=StreamOptions(**options),
+                webrtc_seats=webrtc_seats,
             )
         )
         return streams[-1]
@@ -162,3 +164,25 @@ async def test_a_bad_offer_is_refused_and_nobody_is_counted(make: Any) -> None:
         await stream.whep("v=0\r\nnonsense")
     assert stream.report().viewers["whep"] == 0
     assert stream.idle_since is not None
+
+
+async def test_webrtc_viewers_are_limited_over_all_streams(make: Any) -> None:
+    seats = Seats(2, "WebRTC viewers")
+    one, other = make(webrtc_seats=seats), make(webrtc_seats=seats)
+    with pytest.raises(NegotiationFailed):
+        await one.whep("v=0\r\nnonsense")
+    assert seats.taken == 0
+    browsers = [Browser() for _ in range(3)]
+    offers = [await browser.offer() for browser in browsers]
+    first, _ = await one.whep(offers[0])
+    await other.whep(offers[1])
+    with pytest.raises(OverCapacity, match="2 WebRTC viewers"):
+        await other.whep(offers[2])
+    assert other._production.audience._seats.taken == 1
+    await one.leave(first)
+    assert seats.taken == 1
+    await other.whep(offers[2])
+    await other.end()
+    assert seats.taken == 0
+    for browser in browsers:
+        await browser.close()

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import gc
 from fractions import Fraction
 from itertools import pairwise
 from typing import Any
@@ -242,3 +243,20 @@ def test_bad_sound_is_refused(kind: type[OpusEncoder] | type[AacEncoder]) -> Non
 def test_headers_of_the_sound() -> None:
     assert OpusEncoder().extradata.startswith(b"OpusHead")
     assert AacEncoder().extradata[:2] == bytes([0x11, 0x88])  # AAC-LC, 48 kHz, one channel
+
+
+def test_a_closed_encoder_frees_its_codec_without_the_garbage_collector() -> None:
+    def codecs() -> int:
+        return sum(isinstance(each, av.CodecContext) for each in gc.get_objects())
+
+    gc.collect()
+    gc.disable()
+    try:
+        before = codecs()
+        encoders = (VideoEncoder(64, 64, 25), OpusEncoder(), AacEncoder())
+        assert codecs() == before + 3
+        for encoder in encoders:
+            encoder.close()
+        assert codecs() == before
+    finally:
+        gc.enable()

@@ -2,7 +2,11 @@ from __future__ import annotations
 
 import asyncio
 
+import pytest
+
+from app.errors import OverCapacity
 from app.stream.events import QUEUED_EVENTS, Event, EventBoard
+from app.stream.seats import Seats
 
 
 def first() -> list[Event]:
@@ -14,7 +18,7 @@ async def collect(board: EventBoard) -> list[Event]:
 
 
 async def test_every_listener_hears_everything_from_when_it_began_to_the_end() -> None:
-    board = EventBoard()
+    board = EventBoard(Seats(2, "listeners"))
     board.post(Event("before"))
     listeners = [asyncio.create_task(collect(board)) for _ in range(2)]
     await asyncio.sleep(0)
@@ -27,7 +31,7 @@ async def test_every_listener_hears_everything_from_when_it_began_to_the_end() -
 
 
 async def test_a_listener_that_does_not_read_loses_the_oldest() -> None:
-    board = EventBoard()
+    board = EventBoard(Seats(2, "listeners"))
     listener = board.listen(first)
     assert [await anext(listener)] == first()
     for n in range(QUEUED_EVENTS + 10):
@@ -35,3 +39,15 @@ async def test_a_listener_that_does_not_read_loses_the_oldest() -> None:
     board.close()
     heard = [event.data["n"] async for event in listener]
     assert heard == list(range(11, QUEUED_EVENTS + 10))
+
+
+async def test_listeners_are_limited() -> None:
+    board = EventBoard(Seats(1, "listeners"))
+    listener, early = board.listen(first), board.listen(first)
+    await anext(listener)
+    with pytest.raises(OverCapacity):
+        board.listen(first)
+    with pytest.raises(OverCapacity):
+        await anext(early)
+    await listener.aclose()  # type: ignore[attr-defined]
+    assert await anext(board.listen(first)) == first()[0]

@@ -1,14 +1,17 @@
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from puppet import BACKGROUND, FPS, OPEN, SIZE, TinyAvatar
 
 from app.engine.pool import FrameJob
 from app.stream.broadcast import Broadcast
-from app.stream.encoder import VideoEncoder
+from app.stream.encoder import AacEncoder, VideoEncoder
 from app.stream.film import Film
 from app.stream.packet import Packet
+from app.stream.recording import Recording
 from app.stream.timeline import Look
 from app.stream.utterance import Utterance
 
@@ -49,3 +52,24 @@ def test_a_dropped_start_makes_the_next_frame_the_start(film: Film) -> None:
     assert film.passed == 21
     film.encode(job(22), film.draw(job(22)))
     assert [packet.pts for packet in film._broadcast._cache] == [22]
+
+
+def test_of_errors_in_a_row_the_first_is_told(film: Film, caplog: pytest.LogCaptureFixture) -> None:
+    for number in range(20):
+        film.failed(ValueError(f"no {number}"))
+    assert [record.message for record in caplog.records] == ["a frame cannot be made"]
+    assert "no 0" in caplog.text
+    film.encode(job(0), film.draw(job(0)))
+    film.encode(job(1), film.draw(job(1)))
+    assert "again after 20 errors" in caplog.text
+    assert len(caplog.records) == 2
+    film.failed(ValueError("once more"))
+    assert len(caplog.records) == 3
+
+
+def test_a_file_that_failed_asks_for_no_key_frames(film: Film, tmp_path: Path) -> None:
+    utterance = Utterance(1)
+    utterance.recording = Recording(tmp_path / "missing" / "a.mp4", film._encoder, AacEncoder(), first_frame=0)
+    for index in range(3):
+        film.encode(job(index, owner=utterance), film.draw(job(index, owner=utterance)))
+    assert [packet.keyframe for packet in film._broadcast._cache] == [True, False, False]

@@ -17,6 +17,7 @@ from app.engine.pool import OrderedPool
 from app.errors import Gone, NotFound, NothingToSay, NotReady, OverCapacity
 from app.stream.events import Event
 from app.stream.live import LiveStream, StreamOptions
+from app.stream.production import MAX_FAILURES
 from app.stream.program import MAX_QUEUED
 from app.stream.timeline import EASE_FRAMES, IdlePhase
 from app.stream.timing import LatencyLog
@@ -34,7 +35,7 @@ def pool() -> Iterator[OrderedPool]:
 @pytest.fixture(autouse=True)
 def nothing_is_too_late(monkeypatch: pytest.MonkeyPatch) -> None:
     """A busy machine must not change what the tests see."""
-    monkeypatch.setattr("app.stream.live.DROP_LATE", 60.0)
+    monkeypatch.setattr("app.stream.production.DROP_LATE", 60.0)
 
 
 class Stage:
@@ -53,7 +54,7 @@ class Stage:
             narrator=self.narrator,
             pool=pool,
             settings=settings,
-            folder=folder,
+            folder=self.folder,
             latency=self.latency,
             options=StreamOptions(**options),
             phase=phase,
@@ -113,7 +114,7 @@ async def stage(pool: OrderedPool, tmp_path: Path) -> AsyncIterator[Any]:
     threads, tasks = set(threading.enumerate()), asyncio.all_tasks()
 
     def make(**options: Any) -> Stage:
-        stages.append(Stage(pool, tmp_path, **options))
+        stages.append(Stage(pool, options.pop("folder", tmp_path), **options))
         return stages[-1]
 
     yield make
@@ -296,7 +297,12 @@ async def test_interrupting_falls_silent_and_closes_the_mouth(stage: Any) -> Non
     assert (long.state, queued.state) == ("interrupted", "interrupted")
     await until(lambda: live.named("speak_ended"))
     ended = live.named("speak_ended")
-    assert [(event["utterance"], event["reason"]) for event in ended] == [(long.id, "interrupted")]
+    assert [(event["utterance"], event["reason"]) for event in ended] == [
+        (queued.id, "interrupted"),
+        (long.id, "interrupted"),
+    ]
+    assert (ended[0]["media_time"], ended[0]["wall_ms"]) == (None, None)
+    assert ended[1]["media_time"] == long.end / FPS
     file = await live.video(long.id)
     after = live.stream.say("0.2")
     await until(lambda: after.state == "done")
@@ -354,10 +360,10 @@ async def test_nobody_watching_and_nothing_to_say_is_no_work(stage: Any) -> None
     await until(lambda: live.stream.idle_since is not None)
     await asyncio.sleep(0.1)
     rendered = live.stream.report().rendered
-    sent = live.stream._timeline._sent
+    sent = live.stream._production.program.timeline.sent
     await asyncio.sleep(0.3)
     assert live.stream.report().rendered == rendered
-    assert live.stream._timeline._sent == sent
+    assert live.stream._production.program.timeline.sent == sent
     again = live.view()  # and it wakes up again, with a new picture
     await until(lambda: live.stream.report().rendered > rendered + 5)
     await live.stream.end()
@@ -408,11 +414,12 @@ async def test_a_failing_engine_costs_the_utterance_not_the_stream(stage: Any) -
     live = stage(start="now")
     whole, half = live.stream.say("!"), live.stream.say("0.3 !")
     good = live.stream.say("0.2")
-    await until(lambda: good.state == "done" and len(live.named("speak_ended")) == 2)
+    await until(lambda: good.state == "done" and len(live.named("speak_ended")) == 3)
     assert (whole.state, half.state) == ("failed", "failed")
     assert [event["utterance"] for event in live.named("error")] == [whole.id, half.id]
     assert "the engine broke" in live.named("error")[0]["message"]
     assert [(event["utterance"], event["reason"]) for event in live.named("speak_ended")] == [
+        (whole.id, "failed"),
         (half.id, "failed"),
         (good.id, "done"),
     ]
@@ -493,3 +500,78 @@ async def test_a_viewer_who_does_not_read_slows_nobody(stage: Any) -> None:
     assert check_lips(decode(received)) == 1
     assert live.stream.report().dropped == 0
     await stuck.aclose()  # type: ignore[attr-defined]
+
+
+async def test_a_file_that_cannot_be_written_does_not_keep_the_stream_alive(
+    stage: Any, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    folder = tmp_path / "gone"
+    folder.mkdir()
+    live = stage(once=True, folder=folder)
+    received = live.view()
+    folder.rmdir()
+    utterance = live.stream.say("0.3")
+    await until(lambda: live.stream.state == "ended")
+    await asyncio.wait_for(asyncio.gather(*live._viewers), PATIENCE)  # they see the end of the file
+    assert utterance.state == "done"
+    assert check_lips(decode(received)) == 1
+    assert "cannot be written" in caplog.text
+    with pytest.raises(NotFound):
+        live.stream.video()
+
+
+async def test_a_stream_that_fails_again_and_again_ends(
+    stage: Any, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    live = stage(start="now")
+    live.view()
+    await until(lambda: live.stream.report().rendered > 3)
+
+    def fail(*_: Any, **__: Any) -> None:
+        raise ZeroDivisionError("no clock")
+
+    monkeypatch.setattr(live.stream._production.program, "step", fail)
+    utterance = live.stream.say("0.3")
+    await until(lambda: live.stream.state == "ended")
+    assert utterance.state == "interrupted"
+    await asyncio.wait_for(asyncio.gather(live._listener, *live._viewers), PATIENCE)
+    assert caplog.text.count("Traceback") == 1
+    assert f"{MAX_FAILURES} failed steps in a row" in caplog.text
+    assert "no clock" in live.named("error")[0]["message"]
+    assert [event.name for event in live.events][-3:] == ["error", "speak_ended", "state"]
+    assert live.named("state")[-1] == {"state": "ended"}
+
+
+async def test_viewers_and_listeners_of_a_stream_are_limited(stage: Any) -> None:
+    live = stage(settings=SETTINGS.model_copy(update={"stream": SETTINGS.stream.model_copy(update={"max_viewers": 3})}))
+    await asyncio.sleep(0)  # the stage's own listener has taken a seat
+    early = live.stream.watch("mp4")
+    live.view("flv")
+    live.view("mp4")
+    await until(lambda: live.stream.report().viewers == {"whep": 0, "flv": 1, "mp4": 1})
+    for refused in (lambda: live.stream.watch("flv"), lambda: live.stream.watch("mp4"), live.stream.events):
+        with pytest.raises(OverCapacity, match="3 viewers of this stream"):
+            refused()
+    with pytest.raises(OverCapacity):
+        await live.stream.whep("v=0")
+    with pytest.raises(OverCapacity):
+        await anext(early)
+    await live.leave()
+    live.view()
+    await until(lambda: live.stream.report().viewers["flv"] == 1)
+
+
+async def test_what_ends_with_the_stream_is_told_before_its_end(stage: Any) -> None:
+    live = stage(start="now")
+    spoken, queued = live.stream.say("3"), live.stream.say("3")
+    await until(lambda: live.named("speak_started"))
+    await live.stream.end()
+    await live._listener
+    ended = live.named("speak_ended")
+    assert [(event["utterance"], event["reason"]) for event in ended] == [
+        (spoken.id, "interrupted"),
+        (queued.id, "interrupted"),
+    ]
+    assert ended[0]["media_time"] is not None
+    assert ended[1]["media_time"] is None
+    assert live.events[-1] == Event("state", {"state": "ended"})

@@ -25,7 +25,7 @@ def test_pieces_come_in_order_and_then_the_end() -> None:
         assert item.frame == n
         narration.taken()
     assert got.get(timeout=PATIENCE) is None
-    assert narration.join(PATIENCE)
+    assert narration.ended
 
 
 def test_it_stays_only_a_few_pieces_ahead() -> None:
@@ -44,14 +44,15 @@ def test_it_stays_only_a_few_pieces_ahead() -> None:
     assert blocked.wait(PATIENCE)
     for _ in range(PIECES_AHEAD):
         got.get(timeout=PATIENCE)
-    narration._thread.join(0.05)
+    narration.thread.join(0.05)
     assert len(made) == PIECES_AHEAD
     assert narration.seconds_on_piece == 0
     narration.taken()
     got.get(timeout=PATIENCE)
     assert len(made) == PIECES_AHEAD + 1
     narration.cancel()
-    assert narration.join(PATIENCE)
+    assert got.get(timeout=PATIENCE) is None  # nothing but the end
+    assert narration.ended
     assert got.empty()
 
 
@@ -65,10 +66,10 @@ def test_an_error_is_handed_over_as_the_end() -> None:
     narration = Narration(make, got.put, "test")
     assert isinstance(got.get(timeout=PATIENCE), Piece)
     assert isinstance(got.get(timeout=PATIENCE), OSError)
-    assert narration.join(PATIENCE)
+    assert narration.ended
 
 
-def test_cancelling_inside_a_piece_delivers_nothing_more() -> None:
+def test_cancelling_inside_a_piece_delivers_nothing_but_the_end() -> None:
     got: queue.Queue[object] = queue.Queue()
     inside, let_go, closed = threading.Event(), threading.Event(), threading.Event()
 
@@ -85,6 +86,6 @@ def test_cancelling_inside_a_piece_delivers_nothing_more() -> None:
     assert narration.seconds_on_piece > 0
     narration.cancel()
     let_go.set()
-    assert narration.join(PATIENCE)
     assert closed.wait(PATIENCE)
+    assert got.get(timeout=PATIENCE) is None
     assert got.empty()

@@ -1,7 +1,9 @@
 from __future__ import annotations
 
 import asyncio
+import gc
 import threading
+import weakref
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -91,3 +93,128 @@ async def test_closing_leaves_nothing(pool: OrderedPool) -> None:
     assert asyncio.all_tasks() <= tasks
     assert {each for each in threading.enumerate() if not each.name.startswith("asyncio_")} <= threads
     assert pool._lanes == []
+
+
+async def test_of_an_ended_stream_only_its_record_is_kept(pool: OrderedPool) -> None:
+    async with Streams(settings(), TinyNarrator(), pool) as streams:
+        avatar = TinyAvatar()
+        stream = streams.create(avatar, voice="buzz", options=StreamOptions(start="now", once=True))  # type: ignore[arg-type]
+        utterance = stream.say("0.3")
+        viewer = stream.watch("flv")
+        production = stream._production
+        assert production is not None
+        kept = [
+            weakref.ref(each)
+            for each in (
+                avatar,
+                production,
+                production._video,
+                production._aac,
+                production._opus,
+                production._broadcast,
+                production._film,
+                production._lane,
+                production.audience,
+                production.program,
+            )
+        ]
+        codec = weakref.ref(production._video._coder)
+        del avatar, production
+        assert len([chunk async for chunk in viewer]) > 3
+        await until(lambda: stream.state == "ended" and stream.ended_at is not None)
+        del viewer
+
+        def let_go() -> bool:
+            gc.collect()
+            return all(each() is None for each in [*kept, codec])
+
+        await until(let_go)
+        report = stream.report()
+        assert (report.id, report.state, report.avatar, report.voice) == (stream.id, "ended", "tiny", "buzz")
+        assert report.viewers == {"whep": 0, "flv": 0, "mp4": 0}
+        assert report.rendered > 10
+        assert [each.state for each in report.utterances] == ["done"]
+        assert stream.video(utterance.id).exists()
+        stream.shown(utterance.id, 12.0)
+        for refused in (lambda: stream.say("1"), stream.interrupt, lambda: stream.watch("flv"), lambda: stream.avatar):
+            with pytest.raises(Gone):
+                refused()
+        with pytest.raises(NotFound):
+            await stream.leave("nobody")
+        assert [event.data async for event in stream.events()] == [{"state": "ended"}]
+
+
+async def test_ended_streams_are_bounded_and_the_oldest_goes_with_its_files(
+    pool: OrderedPool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("app.stream.streams.KEPT_ENDED", 3)
+    async with Streams(settings(), TinyNarrator(), pool) as streams:
+        ended = []
+        for _ in range(5):
+            ended.append(create(streams))
+            await ended[-1].end(keep_files=True)
+        running = create(streams)
+        await streams.reap()
+        for stream in ended[:2]:
+            with pytest.raises(NotFound):
+                streams.get(stream.id)
+            assert not stream.folder.exists()
+        assert [streams.get(stream.id) for stream in [*ended[2:], running]] == [*ended[2:], running]
+        assert ended[2].folder.exists()
+
+
+async def test_streams_whose_engine_hangs_hold_up_nobody(pool: OrderedPool) -> None:
+    narrator = TinyNarrator()
+    async with Streams(settings(idle_seconds=0.1), narrator, pool) as streams:
+        try:
+            hanging = [create(streams), create(streams)]
+            for stream in hanging:
+                stream.say("|")
+                stream.interrupt()
+            await until(lambda: all(stream.idle_since is not None for stream in hanging))
+            await asyncio.sleep(0.15)
+            await streams.reap()
+            await until(lambda: all(stream.state == "ended" for stream in hanging))
+            await asyncio.wait_for(streams.close(), 5)  # seconds; the engine has not returned
+            assert not narrator.gate.is_set()
+        finally:
+            narrator.gate.set()
+
+
+async def test_one_stream_that_ends_slowly_does_not_hold_up_the_reaper(
+    pool: OrderedPool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    let_go = asyncio.Event()
+    async with Streams(settings(idle_seconds=0.05), TinyNarrator(), pool) as streams:
+        slow, quick = create(streams), create(streams)
+        assert slow._production is not None
+        close = slow._production.close
+
+        async def close_slowly() -> None:
+            await let_go.wait()
+            await close()
+
+        monkeypatch.setattr(slow._production, "close", close_slowly)
+        await until(lambda: quick.state == "ended")
+        assert slow.state == "idle"
+        let_go.set()
+        await until(lambda: slow.state == "ended")
+
+
+async def test_a_stream_that_cannot_end_properly_is_ended_all_the_same(
+    pool: OrderedPool, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    async with Streams(settings(), TinyNarrator(), pool) as streams:
+        stream = create(streams)
+        assert stream._production is not None
+        close = stream._production.close
+
+        async def fail() -> None:
+            await close()
+            raise OSError("cannot")
+
+        monkeypatch.setattr(stream._production, "close", fail)
+        await streams.end(stream.id)
+        assert stream.state == "ended"
+        assert "did not end cleanly" in caplog.text
+        assert streams.running == 0

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import errno
 import gc
 import random
 import threading
@@ -15,7 +16,7 @@ from aiortc import RTCConfiguration, RTCPeerConnection, RTCRtpReceiver, RTCSessi
 from aiortc.mediastreams import MediaStreamError
 from patterns import FPS, Studio, read_index
 
-from app.errors import NegotiationFailed
+from app.errors import NegotiationFailed, OverCapacity
 from app.stream.broadcast import Broadcast
 from app.stream.ice import offer_addresses
 from app.stream.packet import Packet
@@ -413,3 +414,26 @@ async def test_more_than_a_video_and_an_audio_section_is_refused(station: Statio
         kinds = ("video", "audio", "video") if extra == "video" else ("video", "audio")
         with pytest.raises(NegotiationFailed, match="more than"):
             await station.admit(await client.offer(kinds))
+
+
+async def test_without_sockets_the_server_is_full_and_the_offer_is_not_blamed(
+    station: Station, clients: list[Client], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    client = Client()
+    clients.append(client)
+    offer = await client.offer()
+
+    async def no_files(*_: object, **__: object) -> None:
+        raise OSError(errno.EMFILE, "Too many open files")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(asyncio.get_running_loop(), "create_datagram_endpoint", no_files)
+        with pytest.raises(OverCapacity, match="no UDP socket"):
+            await station.admit(offer)
+    with monkeypatch.context() as patch:
+        patch.setattr(RTCPeerConnection, "createAnswer", no_files)
+        with pytest.raises(OverCapacity, match="Too many open files"):
+            await station.admit(offer)
+    viewer = await station.admit(offer)
+    await viewer.close()
+    assert station.source.subscribers == 0
