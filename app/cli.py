@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import runpy
 import signal
@@ -10,7 +9,6 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib.metadata import version
-from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NoReturn
 
@@ -22,7 +20,7 @@ from rich.text import Text
 
 from app.config import Settings, load
 from app.errors import ConfigError, InputError, MaryError, NotFound
-from app.speech import PHONES, SILENCE, Phone, Speech
+from app.speech import Speech
 
 if TYPE_CHECKING:
     from app.engine.avatar import AvatarShelf
@@ -35,12 +33,6 @@ app = typer.Typer(
 )
 _out = Console()
 _err = Console(stderr=True)
-
-TOLERANCE_SECONDS = 0.05
-"""How much longer than the sound given phone times may be; programs round differently."""
-
-SMALLEST_GAP_SECONDS = 0.001
-"""A shorter gap between two phones is rounding, a longer one is silence."""
 
 ConfigOption = Annotated[Path | None, typer.Option("--config", help="Settings file (default: config.yaml).")]
 
@@ -117,6 +109,7 @@ def say(
         raise InputError("give either a text or --audio with --phones", advice='mary say "Hello" -o hello.mp4')
     if output.is_dir() or not output.absolute().parent.is_dir():
         raise InputError(f"{output} cannot be written", field="output", advice="Name a file in a folder that exists.")
+    from app.align.given import read_speech
     from app.engine.background import STILL
     from app.engine.pool import OrderedPool
     from app.stream.clock import FPS
@@ -168,86 +161,16 @@ def _shelf(settings: Settings) -> AvatarShelf:
 
 def _spoken(settings: Settings, text: str, preferred: str, voice: str | None, speed: float) -> Iterator[Speech]:
     """The pieces of a text, each spoken when it is asked for."""
-    from app.tts.engine import choose_voice
+    from app.tts.engine import check_configured, choose_voice
     from app.tts.narrate import narrate, plan
     from app.tts.registry import create
 
     planned = plan(sys.stdin.read() if text == "-" else text)
     engine = create(settings.speech.engine)
+    check_configured(engine, settings.speech.voice)
     chosen = choose_voice(engine, voice or "", settings.speech.voice or preferred)
     engine.warm_up()
     return narrate(engine, planned, voice=chosen.id, speed=speed)
-
-
-def read_speech(audio: Path, phones: Path) -> Speech:
-    """Given sound with given phone times.
-
-    Args:
-        audio: any sound file; several channels are mixed to one.
-        phones: JSON list of `[symbol, start, end]`: ARPAbet with or without stress, seconds. Gaps are silence.
-
-    Raises:
-        InputError: a file is missing or broken, or times do not fit to the sound.
-    """
-    import av
-    import numpy as np
-
-    try:
-        with av.open(str(audio)) as container:
-            if not container.streams.audio:
-                raise InputError(f"{audio} has no sound in it", field="audio")
-            rate = container.streams.audio[0].rate
-            resampler = av.AudioResampler(format="flt", layout="mono", rate=rate)
-            frames = [part for frame in container.decode(audio=0) for part in resampler.resample(frame)]
-            frames += resampler.resample(None)
-    except (OSError, av.FFmpegError) as error:
-        raise InputError(f"{audio} cannot be read as sound: {error}", field="audio") from error
-    samples = np.concatenate([frame.to_ndarray()[0] for frame in frames] or [np.zeros(0)]).astype(np.float32)
-    if len(samples) == 0:
-        raise InputError(f"{audio} is empty", field="audio")
-    try:
-        entries = json.loads(phones.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise InputError(f"{phones} cannot be read as JSON: {error}", field="phones") from error
-    return Speech(samples, rate, _gapless(entries, len(samples) / rate, phones))
-
-
-def _gapless(entries: object, duration: float, source: Path) -> tuple[Phone, ...]:
-    """Phones from 0 to `duration` seconds without gaps."""
-    given: list[Phone] = []
-    if not isinstance(entries, list):
-        raise InputError(f"{source} must hold a list", field="phones", advice='[["HH", 0.1, 0.17], …]')
-    for number, entry in enumerate(entries):
-        match entry:
-            case [str() as name, int() | float() as start, int() | float() as end] if 0 <= start < end:
-                pass
-            case _:
-                raise InputError(
-                    f"{source}: entry {number} must be [symbol, start, end] with 0 <= start < end, not {entry!r}",
-                    field="phones",
-                )
-        symbol = name.upper().rstrip("012") or SILENCE
-        if symbol not in PHONES:
-            raise InputError(
-                f"{source}: entry {number}: {name!r} is no phone", field="phones", advice=f"Known: {' '.join(PHONES)}."
-            )
-        if given and start < given[-1].end - SMALLEST_GAP_SECONDS:
-            raise InputError(f"{source}: entry {number} begins before the one before it ends", field="phones")
-        given.append(Phone(symbol, float(start), float(end)))
-    if given and given[-1].end > duration + TOLERANCE_SECONDS:
-        raise InputError(f"{source} ends at {given[-1].end:.3f} s, the sound at {duration:.3f} s", field="phones")
-    marks = [Phone(SILENCE, 0.0, 0.0), *given, Phone(SILENCE, duration, duration)]
-    filled: list[Phone] = []
-    for before, phone in pairwise(marks):
-        start = before.end
-        if phone.start - start > SMALLEST_GAP_SECONDS:
-            filled.append(Phone(SILENCE, start, phone.start))
-            start = phone.start
-        if phone.end > start:
-            filled.append(Phone(phone.symbol, start, phone.end))
-    last = filled[-1]
-    filled[-1] = Phone(last.symbol, last.start, duration)
-    return tuple(phone for phone in filled if phone.end > phone.start)
 
 
 @app.command()

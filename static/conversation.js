@@ -19,7 +19,7 @@ export class Conversation extends EventTarget {
   #toldFallBack = false;
   #turn = 0; // counts what the user asked for; answers to older wishes are dropped
   #current = null;
-  #over = new Set(); // utterances that have ended
+  #over = new Map(); // utterances that have ended, and whether anything of them was to be heard
   #failed = new Map(); // what the service said about those that failed
   #state = "idle";
   #timers = {};
@@ -97,7 +97,7 @@ export class Conversation extends EventTarget {
       this.#tell("accepted", { words, ...answer });
       this.#checkFailed();
       if (current.shown) this.#reportShown(current);
-      else if (this.#over.has(current.utterance.id) && !this.#seam.expecting) this.#finish();
+      else this.#checkOver();
     } catch (error) {
       if (turn === this.#turn) this.#fail(explain(error));
     }
@@ -106,14 +106,19 @@ export class Conversation extends EventTarget {
   /** Cuts short what is being said. */
   async stop() {
     if (this.#state === "idle") return;
-    const transport = this.#transport;
+    const { transport, utterance } = this.#current;
     this.#turn += 1;
+    const turn = this.#turn;
+    const stopping = transport.stop();
+    const unseen = !utterance || !this.#seam.showing;
+    if (unseen) this.#finish(); // there is no picture to wait for
     try {
-      await transport.stop();
-      this.#timer("stopping", STOPPING_MS, () => this.#finish());
-      if (!this.#seam.showing) this.#finish();
+      await stopping;
+      if (!unseen) this.#timer("stopping", STOPPING_MS, () => turn === this.#turn && this.#finish());
     } catch (error) {
-      this.#fail(explain(error));
+      if (turn !== this.#turn) return; // something else is being said by now
+      if (!unseen) this.#fail(explain(error));
+      else if (utterance) this.#tell("problem", { text: explain(error) }); // else only the connection has failed
     }
   }
 
@@ -129,7 +134,9 @@ export class Conversation extends EventTarget {
     if (this.#rtcFailed && !this.#toldFallBack) this.#tell("notice", { text: MESSAGES.fellBack });
     this.#toldFallBack = this.#rtcFailed;
     this.#current.transport = transport;
-    return transport.say(this.#avatar, words, () => this.#phase(transport.lead));
+    const { turn } = this.#current;
+    const options = { phase: () => this.#phase(transport.lead), wanted: () => turn === this.#turn };
+    return transport.say(this.#avatar, words, options);
   }
 
   #phase(lead) {
@@ -145,13 +152,22 @@ export class Conversation extends EventTarget {
         this.#timer("noPicture", NO_PICTURE_MS, () => this.#onNoPicture());
       }
     } else if (name === "speak_ended") {
-      this.#over.add(data.utterance);
-      const takenCareOf = this.#seam.ended(data);
+      const heard = data.media_time !== null; // otherwise it ended before its first sound
+      this.#over.set(data.utterance, heard);
+      const takenCareOf = heard && this.#seam.ended(data);
       if (!takenCareOf && !this.#seam.showing && this.#current?.utterance?.id === data.utterance) this.#finish();
     } else if (name === "error") {
-      this.#failed.set(data.utterance, data.message);
+      const utterance = data.utterance ?? this.#current?.utterance?.id; // none is named when the whole stream fails
+      if (utterance !== undefined) this.#failed.set(utterance, data.message);
       this.#checkFailed();
     }
+  }
+
+  // The service may tell of the end before it has answered the request; a picture to come or to go is waited for.
+  #checkOver() {
+    const heard = this.#over.get(this.#current?.utterance?.id);
+    if (heard === undefined || this.#seam.showing || (heard && this.#seam.expecting)) return;
+    this.#finish();
   }
 
   // The service tells of a failure by events, possibly before it has answered the request.

@@ -41,11 +41,15 @@ export class HttpTransport {
   /** Nothing to prepare. */
   async prepare() {}
 
-  /** Has `words` said; returns `{stream, utterance}`. */
-  async say(avatar, words, phase) {
+  /** Has `words` said; returns `{stream, utterance}`. phase, wanted: see RtcTransport. */
+  async say(avatar, words, { phase, wanted }) {
     this.#drop();
     const options = { ...words, avatar, once: true, start: "viewer", idle: "local", phase: phase() };
     const stream = await this.#api.createStream(options);
+    if (!wanted()) {
+      this.#api.end(stream);
+      throw new DOMException("not wanted any more", "AbortError");
+    }
     const playback = new MsePlayback(this.#video);
     const events = new StreamEvents(stream.urls.events, (name, data) => this.#pass(name, data), () => {});
     const current = { stream, events, playback, ready: false, starting: false };

@@ -36,11 +36,6 @@ export class IdleLoop {
     });
   }
 
-  /** Whether the loop is seamless (media source) or the browser's own. */
-  get seamless() {
-    return this.#source !== null;
-  }
-
   get frames() {
     return this.#tracker?.frames ?? 1;
   }

@@ -46,7 +46,8 @@ const settings = new Settings({
 });
 
 let avatars = [];
-let lastWords = null;
+let askedWords = null;
+let lastWords = null; // what the service has accepted: only that can be said again
 
 function showState(state) {
   document.body.dataset.state = state;
@@ -74,8 +75,7 @@ function speak(words, enteredAt) {
     $("text").focus();
     return;
   }
-  lastWords = words;
-  download.withdraw();
+  askedWords = words;
   conversation.say(words, enteredAt);
 }
 
@@ -128,13 +128,17 @@ function listen() {
 
   conversation.addEventListener("state", ({ detail }) => {
     showState(detail.state);
-    if (detail.state === "speaking") captions.begin(lastWords);
+    if (detail.state === "speaking") captions.begin(askedWords);
     else if (detail.state === "preparing") captions.clear();
   });
   conversation.addEventListener("problem", ({ detail }) => showProblem(detail.text));
   conversation.addEventListener("notice", ({ detail }) => showNotice(detail.text));
   conversation.addEventListener("accepted", ({ detail }) => {
+    lastWords = askedWords;
+    download.withdraw();
     $("replay").disabled = false;
+    // What is typed next replaces what has just been said.
+    if (document.activeElement === $("text") && $("text").value.trim() === lastWords.text) $("text").select();
     if (detail.utterance.unread?.length) showNotice(explainUnread(detail.utterance.unread));
   });
   conversation.addEventListener("shown", ({ detail }) => {

@@ -5,7 +5,7 @@ import { WebRtcFailed } from "./whep.js";
 
 /** Text for an error of any kind. */
 export function explain(error) {
-  if (error instanceof Problem) return [error.message, error.advice].filter(Boolean).join(" ");
+  if (error instanceof Problem) return [error.message, ADVICE[error.slug] ?? error.advice].filter(Boolean).map(sentence).join(" ");
   if (error instanceof Unreachable) {
     return navigator.onLine
       ? "The service cannot be reached. It may have stopped; try again in a moment."
@@ -15,6 +15,16 @@ export function explain(error) {
     return `${error.message} Choose “Automatic” or “Fragmented MP4” under Voice and settings to hear Mary over plain HTTP.`;
   }
   return error.message || "Something went wrong. Try again.";
+}
+
+/** What to do on this page, where the service's own advice is for programmers. */
+const ADVICE = {
+  "too-long": "Shorten it, or say it in several parts.",
+};
+
+function sentence(text) {
+  const whole = text.charAt(0).toUpperCase() + text.slice(1);
+  return /[.!?…]$/.test(whole) ? whole : `${whole}.`;
 }
 
 /** Text for the parts of a message that could not be read aloud. */

@@ -2,12 +2,22 @@
 
 const KEY = "mary.preferences";
 
-/** The stored preferences over `defaults`. */
-export function loadPreferences(defaults) {
+/**
+ * The stored preferences over `defaults`. What is stored may be an older page's or anybody's making: a value is taken
+ * only if it is of the default's type and, where `accepts` has a function of its name, if that says yes.
+ */
+export function loadPreferences(defaults, accepts = {}) {
+  const stored = read();
+  const usable = ([name, value]) => typeof stored[name] === typeof value && (accepts[name]?.(stored[name]) ?? true);
+  const kept = Object.entries(defaults).filter(usable);
+  return { ...defaults, ...Object.fromEntries(kept.map(([name]) => [name, stored[name]])) };
+}
+
+function read() {
   try {
-    return { ...defaults, ...JSON.parse(localStorage.getItem(KEY)) };
+    return JSON.parse(localStorage.getItem(KEY)) ?? {};
   } catch {
-    return { ...defaults };
+    return {};
   }
 }
 

@@ -43,10 +43,14 @@ export class RtcTransport {
     return this.#session;
   }
 
-  /** Has `words` said; returns `{stream, utterance}`. A stream that has ended meanwhile is replaced. */
-  async say(avatar, words, phase) {
+  /**
+   * Has `words` said; returns `{stream, utterance}`. A stream that has ended meanwhile is replaced. phase(): where the
+   * idle clip is; wanted(): false when the user has changed his mind, which raises AbortError before anything is said.
+   */
+  async say(avatar, words, { phase, wanted }) {
     for (let attempt = 0; ; attempt += 1) {
       const session = await this.prepare(avatar);
+      if (!wanted()) throw new DOMException("not wanted any more", "AbortError");
       this.#sound.play();
       this.#seam.expect();
       try {

@@ -3,6 +3,12 @@
 import { loadPreferences, savePreferences } from "./preferences.js";
 
 const DEFAULTS = { avatar: "", voice: "", speed: 1, transport: "auto", volume: 1, muted: false, captions: true };
+const within = (least, most) => (number) => number >= least && number <= most;
+const ACCEPTS = {
+  speed: within(0.5, 2),
+  volume: within(0, 1),
+  transport: (name) => ["auto", "webrtc", "mp4"].includes(name),
+};
 
 function option(value, label, disabled = false) {
   const element = document.createElement("option");
@@ -16,7 +22,7 @@ function voiceLabel({ name, language, sex, installed, missing }) {
 }
 
 export class Settings {
-  values = loadPreferences(DEFAULTS);
+  values = loadPreferences(DEFAULTS, ACCEPTS);
   #elements;
 
   /** Called with the name of what has changed. */

@@ -15,10 +15,6 @@ import av
 import numpy as np
 import pytest
 
-from app.cli import read_speech
-from app.errors import InputError
-from app.speech import Phone
-
 ROOT = Path(__file__).resolve().parent.parent
 FPS = 25
 RATE = 16_000
@@ -119,6 +115,7 @@ def test_given_sound_is_spoken_with_the_head_still(mary, sound: Path, written, t
         (["say", "Hello", "--avatar", "../mary"], "../mary"),
         (["say", "Hello", "--voice", "nobody"], "nobody"),
         (["say", "Hello", "--speed", "9"], "--speed"),
+        (["say", "Hello", "--config", "{config}"], "speech.voice"),
         (["say", "Hello", "-o", "no/such/folder/x.mp4"], "no/such/folder"),
         (["say", "Hello", "-o", "."], "cannot be written"),
         (["say", "--audio", "x.wav"], "--phones"),
@@ -130,7 +127,9 @@ def test_given_sound_is_spoken_with_the_head_still(mary, sound: Path, written, t
     ],
 )
 def test_wrong_input_is_one_line_and_exit_code_2(mary, tmp_path: Path, arguments: list[str], words: str) -> None:
-    ended = mary(*arguments)
+    config = tmp_path.with_suffix(".yaml")
+    config.write_text(f"{{speech: {{voice: nobody}}, avatars: {{folder: {ROOT / 'avatars'}}}}}")
+    ended = mary(*(argument.replace("{config}", str(config)) for argument in arguments))
     assert ended.returncode == 2
     assert words in ended.stderr
     assert "Traceback" not in ended.stderr
@@ -168,55 +167,3 @@ def test_voices_and_avatars_are_listed(mary) -> None:
     listed = mary("avatars").stdout
     assert "mary" in listed
     assert "512x512" in listed
-
-
-def test_phones_are_made_gapless(sound: Path, written) -> None:
-    speech = read_speech(sound, written([["hh", 0.5, 0.6], ["AA1", 0.6, 1.2], ["", 1.2, 1.3], ["M", 1.5, 1.7]]))
-    assert speech.rate == RATE
-    assert speech.samples.dtype == np.float32
-    assert len(speech.samples) == 2 * RATE
-    assert 0.2 < np.abs(speech.samples).max() <= 1
-    assert speech.phones == (
-        Phone("SIL", 0, 0.5),
-        Phone("HH", 0.5, 0.6),
-        Phone("AA", 0.6, 1.2),
-        Phone("SIL", 1.2, 1.3),
-        Phone("SIL", 1.3, 1.5),
-        Phone("M", 1.5, 1.7),
-        Phone("SIL", 1.7, 2.0),
-    )
-
-
-def test_no_phones_are_silence(sound: Path, written) -> None:
-    assert read_speech(sound, written([])).phones == (Phone("SIL", 0, 2.0),)
-
-
-def test_rounding_between_phones_is_no_silence(sound: Path, written) -> None:
-    speech = read_speech(sound, written([["AA", 0, 1.0], ["IY", 1.0004, 2.02]]))
-    assert speech.phones == (Phone("AA", 0, 1.0), Phone("IY", 1.0, 2.0))
-
-
-@pytest.mark.parametrize(
-    ("entries", "words"),
-    [
-        ("{", "JSON"),
-        ({"phones": []}, "list"),
-        ([["AA", 0]], "entry 0"),
-        ([["AA", 0, 1], "M"], "entry 1"),
-        ([["AA", 1, 1]], "entry 0"),
-        ([["AA", -1, 1]], "entry 0"),
-        ([["QQ", 0, 1]], "QQ"),
-        ([["AA", 0, 1], ["M", 0.5, 1.5]], "before"),
-        ([["AA", 0, 3]], "3.000"),
-    ],
-)
-def test_wrong_phones_are_explained(sound: Path, written, entries: object, words: str) -> None:
-    with pytest.raises(InputError, match=words):
-        read_speech(sound, written(entries))
-
-
-def test_what_is_no_sound_is_explained(tmp_path: Path, written) -> None:
-    broken = tmp_path / "broken.wav"
-    broken.write_bytes(b"RIFF no, this is not")
-    with pytest.raises(InputError, match="cannot be read as sound"):
-        read_speech(broken, written([]))

@@ -82,6 +82,8 @@ def test_without_a_file_here_that_of_the_repository_is_used(tmp_path: Path, monk
         ("server: {port: high}", "server.port", "'high'"),
         ("engine: {renderer: slow}", "engine.renderer", "'slow'"),
         ("stream: [1, 2]", "stream", "valid"),
+        ("stream: {preset: fastest}", "stream.preset", "'fastest'"),
+        ("render: {preset: fastest}", "render.preset", "'veryslow'"),
         ("webrtc: {ice_servers: [{url: x}]}", "webrtc.ice_servers.0.urls", "required"),
     ],
 )

@@ -4,43 +4,34 @@ from __future__ import annotations
 
 from dataclasses import asdict
 
-import structlog
 from fastapi import APIRouter
 from fastapi.responses import FileResponse
 
 from app.api.schemas import AvatarEntry, Avatars, VoiceEntry, Voices
 from app.api.service import LoadedService
-from app.errors import BadPack
+from app.api.threads import in_thread
 
 router = APIRouter(tags=["catalogue"])
 
 _CACHE = {"Cache-Control": "no-cache"}
 
-_log = structlog.get_logger("mary.api")
-
 
 @router.get("/v1/avatars")
 async def avatars(service: LoadedService) -> Avatars:
-    """All avatars that can be used. Damaged ones are left out; the log says why."""
-    entries = []
-    for name in service.shelf.ids():
-        try:
-            manifest = service.shelf.manifest(name)
-        except BadPack as error:
-            _log.warning("avatar left out", avatar=name, detail=error.message)
-            continue
-        entries.append(
-            AvatarEntry(
-                id=manifest.id,
-                title=manifest.title,
-                voice=manifest.voice,
-                fps=manifest.fps,
-                width=manifest.width,
-                height=manifest.height,
-                idle=f"/v1/avatars/{manifest.id}/idle.mp4",
-                preview=f"/v1/avatars/{manifest.id}/preview.jpg",
-            )
+    """All avatars that can be used; damaged ones are left out."""
+    entries = [
+        AvatarEntry(
+            id=manifest.id,
+            title=manifest.title,
+            voice=manifest.voice,
+            fps=manifest.fps,
+            width=manifest.width,
+            height=manifest.height,
+            idle=f"/v1/avatars/{manifest.id}/idle.mp4",
+            preview=f"/v1/avatars/{manifest.id}/preview.jpg",
         )
+        for manifest in await in_thread(service.shelf.usable)
+    ]
     return Avatars(default=service.settings.avatars.default, avatars=entries)
 
 
@@ -48,14 +39,14 @@ async def avatars(service: LoadedService) -> Avatars:
 @router.get("/v1/avatars/{avatar}/idle.mp4", response_class=FileResponse)
 async def idle(avatar: str, service: LoadedService) -> FileResponse:
     """The loop that a page shows while nothing is said. `Range` works."""
-    return FileResponse(service.shelf.folder(avatar) / "idle.mp4", media_type="video/mp4", headers=_CACHE)
+    return FileResponse(await service.avatar_folder(avatar) / "idle.mp4", media_type="video/mp4", headers=_CACHE)
 
 
 @router.head("/v1/avatars/{avatar}/preview.jpg", include_in_schema=False)
 @router.get("/v1/avatars/{avatar}/preview.jpg", response_class=FileResponse)
 async def preview(avatar: str, service: LoadedService) -> FileResponse:
     """A still picture of the avatar."""
-    return FileResponse(service.shelf.folder(avatar) / "preview.jpg", media_type="image/jpeg", headers=_CACHE)
+    return FileResponse(await service.avatar_folder(avatar) / "preview.jpg", media_type="image/jpeg", headers=_CACHE)
 
 
 @router.get("/v1/voices")

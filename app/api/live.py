@@ -8,6 +8,7 @@ from collections.abc import AsyncIterator
 from contextlib import aclosing
 from typing import Annotated, Any, Literal
 
+import structlog
 from fastapi import APIRouter, Query, Request
 from fastapi.responses import FileResponse, Response, StreamingResponse
 from sse_starlette import EventSourceResponse
@@ -29,6 +30,8 @@ PING_SECONDS = 15
 _NO_STORE = {"Cache-Control": "no-store"}
 _LIVE_TYPES = {"flv": "video/x-flv", "mp4": "video/mp4"}
 
+_log = structlog.get_logger("mary.api")
+
 router = APIRouter(prefix="/v1/streams/{stream_id}", tags=["watch"])
 
 
@@ -43,8 +46,12 @@ class LiveResponse(StreamingResponse):
         chunks: Any = self.body_iterator
         async with aclosing(chunks):
             async for chunk in chunks:
-                async with asyncio.timeout(SEND_SECONDS):
-                    await send({"type": "http.response.body", "body": chunk, "more_body": True})
+                try:
+                    async with asyncio.timeout(SEND_SECONDS):
+                        await send({"type": "http.response.body", "body": chunk, "more_body": True})
+                except TimeoutError:
+                    _log.info("a viewer took nothing and is let go", seconds=SEND_SECONDS)
+                    return  # the answer is not complete; the server closes the connection
         await send({"type": "http.response.body", "body": b"", "more_body": False})
 
 

@@ -7,6 +7,9 @@ import sys
 
 import structlog
 
+_LET_GO = "ASGI callable returned without completing response."
+"""What uvicorn calls an error when a viewer that takes nothing is let go, of which app/api/live.py has told already."""
+
 
 def configure(level: int = logging.INFO) -> None:
     """Write all logs to standard error, coloured on a terminal."""
@@ -40,5 +43,6 @@ def configure(level: int = logging.INFO) -> None:
     root = logging.getLogger()
     root.handlers[:] = [handler]
     root.setLevel(level)
+    logging.getLogger("uvicorn.error").addFilter(lambda record: record.getMessage() != _LET_GO)
     for chatty in ("aiortc", "aioice", "uvicorn", "asyncio", "libav", "numba", "sse_starlette"):
         logging.getLogger(chatty).setLevel(logging.WARNING)

@@ -13,7 +13,7 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from app.api.problems import problem
+from app.api.problems import problem, unexpected
 
 _log = structlog.get_logger("mary.api")
 
@@ -64,6 +64,9 @@ class BodyLimit:
 class Envelope:
     """Headers that make answers safe to have in a browser, and one line in the log for each request.
 
+    Exceptions that nobody handled are answered here: Starlette's own handler stands outside of all middleware, where
+    the answer would get neither headers nor its line.
+
     The line names the route, never the address asked for (a stream's address is the key to it) nor what was said.
     """
 
@@ -88,6 +91,10 @@ class Envelope:
 
         try:
             await self._app(scope, receive, with_headers)
+        except Exception:
+            if status == 0:
+                await unexpected()(scope, receive, with_headers)
+            raise  # so that the server logs it with its traceback
         finally:
             route = _route(scope)
             if route not in _QUIET:

@@ -42,7 +42,7 @@ EXPLANATIONS = {
     "not-ready": "It is still being made. Ask again in a moment.",
     "over-capacity": "The service is full, starting or stopping. The header Retry-After says when to try again.",
     "bad-pack": "The files of an avatar are damaged or of another version.",
-    "missing-extra": "An optional part of the service is not installed.",
+    "missing-extra": "An optional part of the service, such as a voice, is not installed.",
     "speech-failed": "The speech engine failed.",
     "alignment-failed": "The aligner failed.",
     "negotiation-failed": "The WebRTC offer is broken or has nothing in common with what the service can send.",
@@ -84,17 +84,17 @@ def problem(
 
 
 def install(app: FastAPI) -> None:
-    """Map every kind of error of `app` to a problem document."""
+    """Map every kind of error of `app` to a problem document; `middleware.Envelope` answers what nobody foresaw."""
     app.add_exception_handler(MaryError, _mary_error)
     app.add_exception_handler(RequestValidationError, _validation_error)
     app.add_exception_handler(HTTPException, _http_exception)
-    app.add_exception_handler(Exception, _unexpected)
 
 
 async def _mary_error(_: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, MaryError)
     if error.status >= 500 and not isinstance(error, OverCapacity):
-        _log.error("request failed", problem=error.slug, detail=error.message)
+        cause = {"cause": str(error.__cause__)} if error.__cause__ else {}  # what is not the caller's to read
+        _log.error("request failed", problem=error.slug, detail=error.message, **cause)
     headers = {"Retry-After": str(error.retry_after)} if isinstance(error, OverCapacity) else None
     return problem(
         error.status, error.slug, error.title, error.message, field=error.field, advice=error.advice, headers=headers
@@ -153,6 +153,6 @@ async def _http_exception(request: Request, error: Exception) -> JSONResponse:
     )
 
 
-async def _unexpected(_: Request, __: Exception) -> JSONResponse:
-    # Starlette raises the exception again after this answer, so that the server logs it with its traceback.
+def unexpected() -> JSONResponse:
+    """The answer to a request during which something failed that nobody foresaw."""
     return problem(500, "internal", "Internal error", "something failed inside; the log of the service says what")

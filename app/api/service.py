@@ -5,7 +5,8 @@ from __future__ import annotations
 import asyncio
 import os
 from collections.abc import Callable
-from typing import Annotated
+from pathlib import Path
+from typing import Annotated, TypeVar
 
 import structlog
 from fastapi import Depends, Request
@@ -15,10 +16,10 @@ from app.api.turns import Turns
 from app.config import Settings
 from app.engine.avatar import Avatar, AvatarShelf
 from app.engine.pool import OrderedPool
-from app.errors import MaryError, OverCapacity, TooLong
+from app.errors import BadPack, MaryError, OverCapacity, TooLong
 from app.stream.streams import Streams
 from app.stream.utterance import Script
-from app.tts.engine import SpeechEngine, Voice, choose_voice
+from app.tts.engine import SpeechEngine, Voice, check_configured, choose_voice
 from app.tts.narrate import narrate, plan
 from app.tts.registry import create
 
@@ -27,6 +28,8 @@ RENDERS_AT_ONCE = max(1, (os.cpu_count() or 1) // 2)
 
 RENDERS_WAITING = 8
 """Renders that may wait for their turn; one more is told to come back later."""
+
+T = TypeVar("T")
 
 _log = structlog.get_logger("mary.api")
 
@@ -96,16 +99,27 @@ class Service:
 
         Raises:
             NotFound: there is none of that name.
-            BadPack: its files are damaged.
+            BadPack: its files are damaged; the message names it, only the cause says where it lies.
         """
+        return await self._from_shelf(self.shelf.get, self.shelf.default if name is None else name)
+
+    async def avatar_folder(self, name: str) -> Path:
+        """Where the files of the avatar called `name` lie; raises as `avatar` does."""
+        return await self._from_shelf(self.shelf.folder, name)
+
+    async def _from_shelf(self, take: Callable[[str], T], name: str) -> T:
         # The shelf looks up only names that are in its list, so none can lead out of the folder.
-        return await in_thread(self.shelf.get, self.shelf.default if name is None else name)
+        try:
+            return await in_thread(take, name)
+        except BadPack as error:
+            raise BadPack(f"the avatar {name!r} is damaged", advice="Take another avatar.", field="avatar") from error
 
     def voice(self, requested: str | None, avatar: Avatar) -> Voice:
         """The voice to speak with: the one asked for, else the configured one, else the avatar's own.
 
         Raises:
             NotFound: the voice asked for is unknown.
+            MissingExtra: it is known but not installed.
         """
         preferred = self.settings.speech.voice or avatar.manifest.voice
         return choose_voice(self.engine, requested or "", preferred)
@@ -133,7 +147,8 @@ class Service:
         try:
             self.shelf = AvatarShelf(settings.avatars.folder, settings.engine.renderer, settings.avatars.default)
             self.engine = await in_thread(create, settings.speech.engine)
-            await self.avatar(None)
+            check_configured(self.engine, settings.speech.voice)
+            await in_thread(self.shelf.get, self.shelf.default)
             await in_thread(self.engine.warm_up)
             self.pool = OrderedPool(settings.engine.workers or len(os.sched_getaffinity(0)))
             self.streams = await Streams(settings, self._narrator, self.pool).__aenter__()

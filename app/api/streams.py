@@ -28,6 +28,7 @@ from app.api.service import LoadedService
 from app.stream.live import LiveStream, StreamOptions
 from app.stream.timeline import IdlePhase
 from app.stream.utterance import Utterance
+from app.tts.narrate import plan
 
 
 async def takes_json(request: Request) -> None:
@@ -52,8 +53,9 @@ async def create(
 ) -> StreamCreated:
     """A new stream. Its address is the key to it: 128 random bits."""
     order = order or StreamRequest()
-    if order.text is not None:
+    if order.text is not None:  # what will be refused must be so before there is a stream
         service.check_length(order.text)
+        plan(order.text)
     avatar = await service.avatar(order.avatar)
     voice = service.voice(order.voice, avatar)
     stream = service.streams.create(
@@ -64,11 +66,7 @@ async def create(
     )
     utterance = None
     if order.text is not None:
-        try:
-            utterance = stream.say(order.text, speed=order.speed, phase=_phase(order.phase))
-        except BaseException:
-            await stream.end()
-            raise
+        utterance = stream.say(order.text, speed=order.speed, phase=_phase(order.phase))
     here = f"/v1/streams/{stream.id}"
     response.headers.update({"Location": here, "Cache-Control": "no-store"})
     manifest = avatar.manifest

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
-from app.errors import NotFound
+from app.errors import ConfigError, MissingExtra, NotFound
 from app.speech import Speech
 
 
@@ -72,23 +73,50 @@ def choose_voice(engine: SpeechEngine, requested: str = "", preferred: str = "")
 
     Args:
         engine: whose voices.
-        requested: what the caller asked for; must exist. Empty: nothing asked for.
+        requested: what the caller asked for; must exist and be installed. Empty: nothing asked for.
         preferred: used if the engine has it installed (an avatar's default voice, which another engine may not know);
             otherwise the engine's first installed voice.
 
     Raises:
         NotFound: `requested` is unknown, or the engine has no voice at all.
+        MissingExtra: `requested` is known but not installed; the advice names what is missing.
     """
     voices = engine.voices()
     if requested:
-        for voice in voices:
-            if voice.id == requested:
-                return voice
-        known = ", ".join(voice.id for voice in voices)
-        raise NotFound(
-            f"speech engine {engine.name} has no voice {requested!r}", field="voice", advice=f"It has: {known}."
-        )
+        found = next((voice for voice in voices if voice.id == requested), None)
+        if found is None:
+            raise NotFound(
+                f"speech engine {engine.name} has no voice {requested!r}",
+                field="voice",
+                advice=f"It has: {_names(voices)}.",
+            )
+        if not found.installed:
+            installed = _names([voice for voice in voices if voice.installed]) or "none"
+            raise MissingExtra(
+                f"voice {found.id} of speech engine {engine.name} is not installed",
+                field="voice",
+                advice=f"Install {found.missing or 'it'}. Installed voices: {installed}.",
+            )
+        return found
     usable = [voice for voice in voices if voice.installed] or list(voices)
     if not usable:
         raise NotFound(f"speech engine {engine.name} has no voices", field="voice")
     return next((voice for voice in usable if voice.id == preferred), usable[0])
+
+
+def check_configured(engine: SpeechEngine, voice: str) -> None:
+    """Refuse a voice in the settings that the engine cannot speak with; empty means that none is configured.
+
+    Raises:
+        ConfigError: it is unknown or not installed; the advice names the voices there are.
+    """
+    if not voice:
+        return
+    try:
+        choose_voice(engine, voice)
+    except (NotFound, MissingExtra) as error:
+        raise ConfigError(f"speech.voice: {error.message}", field="speech.voice", advice=error.advice) from error
+
+
+def _names(voices: Sequence[Voice]) -> str:
+    return ", ".join(voice.id for voice in voices)

@@ -1,11 +1,15 @@
 from __future__ import annotations
 
+import json
+import shutil
 from pathlib import Path
 
 import av
 import pytest
 
 from app.tts.registry import create
+
+AVATARS = Path(__file__).resolve().parents[2] / "avatars"
 
 
 def test_avatars_are_listed(server: str, curl) -> None:
@@ -35,6 +39,37 @@ def test_the_preview_is_a_picture(server: str, curl) -> None:
     assert preview.body.startswith(b"\xff\xd8")
 
 
+def test_a_damaged_avatar_is_left_out_and_named_without_its_place(own_server, curl, tmp_path: Path) -> None:
+    folder = tmp_path / "faces"
+    folder.mkdir()
+    (folder / "mary").symlink_to(AVATARS / "mary")
+    cracked = folder / "cracked"
+    cracked.mkdir()
+    for file in (AVATARS / "mary").iterdir():
+        if file.is_file():
+            shutil.copy(file, cracked)
+    manifest = json.loads((cracked / "manifest.json").read_text())
+    (cracked / "manifest.json").write_text(json.dumps(manifest | {"id": "cracked"}))
+    (cracked / "model.npz").write_bytes(b"no model")
+    with own_server(AVATARS__FOLDER=str(folder)) as server:
+        listed = curl(f"{server.url}/v1/avatars").json()
+        assert [avatar["id"] for avatar in listed["avatars"]] == ["mary"]
+        order = '{"text": "Hello.", "avatar": "cracked"}'
+        for path, *options in [
+            ("/v1/streams", "--json", order),
+            ("/v1/render", "--json", order),
+            ("/v1/avatars/cracked/idle.mp4",),
+            ("/v1/avatars/cracked/preview.jpg",),
+        ]:
+            answer = curl(server.url + path, *options)
+            assert answer.status == 500
+            problem = answer.json()
+            assert problem["type"] == "/problems/bad-pack"
+            assert problem["detail"] == "the avatar 'cracked' is damaged"
+            assert str(tmp_path) not in answer.body.decode()
+        assert str(cracked) in server.log.read_text()
+
+
 @pytest.mark.parametrize("path", ["/v1/avatars/mary/idle.mp4", "/v1/avatars/mary/preview.jpg"])
 def test_head_works(server: str, curl, path: str) -> None:
     answer = curl(server + path, "--head")
@@ -50,3 +85,20 @@ def test_voices_are_listed(server: str, curl) -> None:
     assert listed["voices"][0].keys() == {
         "id", "name", "language", "sex", "rate", "licence", "engine", "installed", "missing"
     }  # fmt: skip
+
+
+def test_a_voice_that_is_not_installed_is_refused(
+    own_server, curl, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("HIBARI_HOME", str(tmp_path / "empty"))
+    with own_server(SPEECH__ENGINE="hibari") as server:
+        voices = {voice["id"]: voice for voice in curl(f"{server.url}/v1/voices").json()["voices"]}
+        assert not voices["emma"]["installed"]
+        for path in ("/v1/streams", "/v1/render"):
+            answer = curl(server.url + path, "--json", '{"text": "Hello.", "voice": "emma"}')
+            assert answer.status == 422
+            problem = answer.json()
+            assert problem["type"] == "/problems/missing-extra"
+            assert problem["field"] == "voice"
+            assert "emma" in problem["detail"]
+            assert voices["emma"]["missing"] in problem["advice"]

@@ -2,17 +2,25 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
+import logging
 import socket
 import subprocess
 import time
 import urllib.request
+from collections.abc import AsyncIterator
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import av
 import pytest
+import uvicorn
+from starlette.types import Receive, Scope, Send
+from structlog.testing import capture_logs
+
+from app.api import live
 
 FPS = 25
 TEXT = "One two three four."
@@ -138,6 +146,36 @@ def test_a_viewer_who_takes_nothing_harms_nobody(server: str, curl, tmp_path: Pa
     file.write_bytes(answer.body)
     times, _ = decoded(file)
     assert shown_seconds(times) > 1
+
+
+async def test_a_viewer_who_has_gone_without_saying_so_is_let_go(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(live, "SEND_SECONDS", 0.1)
+    let_go = asyncio.Event()
+
+    async def endless() -> AsyncIterator[bytes]:
+        try:
+            while True:
+                yield bytes(1 << 20)
+        finally:
+            let_go.set()
+
+    async def app(scope: Scope, receive: Receive, send: Send) -> None:
+        await live.LiveResponse(endless())(scope, receive, send)
+
+    listener = socket.create_server(("127.0.0.1", 0))
+    server = uvicorn.Server(uvicorn.Config(app, log_config=None, lifespan="off", timeout_graceful_shutdown=1))
+    with capture_logs() as lines, caplog.at_level(logging.DEBUG):
+        serving = asyncio.create_task(server.serve([listener]))
+        _, writer = await asyncio.open_connection(*listener.getsockname())  # reads as much as fits its buffer
+        writer.write(b"GET / HTTP/1.1\r\nHost: test\r\n\r\n")
+        await asyncio.wait_for(let_go.wait(), 30)
+        writer.close()
+        server.should_exit = True
+        await serving
+    assert [line["event"] for line in lines] == ["a viewer took nothing and is let go"]
+    assert "Traceback" not in caplog.text
 
 
 def test_the_finished_video_can_be_had_in_pieces(server: str, curl, tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ logs.configure()
 structlog.get_logger("mary.x").info("hello", number=5)
 logging.getLogger("app.y").warning("plain %s", "words")
 logging.getLogger("aiortc.z").info("too much")
+logging.getLogger("uvicorn.error").error("ASGI callable returned without completing response.")
 """
 
 

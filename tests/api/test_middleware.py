@@ -7,6 +7,7 @@ from collections.abc import AsyncIterator
 import httpx
 import pytest
 from fastapi import FastAPI, Request
+from structlog.testing import capture_logs
 
 from app.api import problems
 from app.api.middleware import BodyLimit, Envelope
@@ -64,3 +65,26 @@ async def test_what_failed_inside_stays_inside(client: httpx.AsyncClient) -> Non
     assert answer.status_code == 500
     assert answer.json()["type"] == "/problems/internal"
     assert "secret" not in answer.text
+
+
+async def test_what_failed_inside_has_the_envelope_too(client: httpx.AsyncClient) -> None:
+    with capture_logs() as lines:
+        answer = await client.post("/broken")
+    assert answer.headers["content-type"] == problems.MEDIA_TYPE
+    assert answer.headers["x-content-type-options"] == "nosniff"
+    assert answer.headers["referrer-policy"] == "no-referrer"
+    assert [(line["route"], line["status"]) for line in lines] == [("/broken", 500)]
+
+
+async def test_the_server_still_sees_what_failed() -> None:
+    app = FastAPI()
+    app.add_middleware(Envelope)
+    problems.install(app)
+
+    @app.get("/broken")
+    async def broken() -> None:
+        raise RuntimeError("the secret inside")
+
+    async with httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url="http://test") as client:
+        with pytest.raises(RuntimeError, match="secret"):
+            await client.get("/broken")

@@ -7,7 +7,7 @@ import pytest
 
 from app.api.service import Service
 from app.config import Settings
-from app.errors import NotFound, OverCapacity, TooLong
+from app.errors import BadPack, ConfigError, NotFound, OverCapacity, TooLong
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -49,6 +49,29 @@ async def test_what_cannot_be_loaded_is_reported() -> None:
         await service.loaded()
     assert told.is_set()
     assert isinstance(service.failure, NotFound)
+    await service.close()
+
+
+async def test_a_misspelt_voice_in_the_settings_ends_the_start() -> None:
+    service = Service(settings(speech={"engine": "mock", "voice": "mocc"}))
+    service.start()
+    with pytest.raises(OverCapacity):
+        await service.loaded()
+    assert isinstance(service.failure, ConfigError)
+    assert "mocc" in service.failure.message
+    assert "mock" in service.failure.advice
+    await service.close()
+
+
+async def test_the_operator_reads_where_a_damaged_default_avatar_lies(tmp_path: Path) -> None:
+    (tmp_path / "mary").mkdir()
+    (tmp_path / "mary" / "manifest.json").write_text("{")
+    service = Service(settings(avatars={"folder": tmp_path}))
+    service.start()
+    with pytest.raises(OverCapacity):
+        await service.loaded()
+    assert isinstance(service.failure, BadPack)
+    assert str(tmp_path) in service.failure.message
     await service.close()
 
 

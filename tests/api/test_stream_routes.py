@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import re
 import time
 from collections.abc import Callable
 from typing import Any
 
-SAY = ("--json",)
+import pytest
 
 
 def until(condition: Callable[[], Any], seconds: float = 30) -> Any:
@@ -60,6 +61,27 @@ def test_without_a_text_it_idles(server: str, curl) -> None:
         assert report["viewers"] == {"whep": 0, "flv": 0, "mp4": 0}
         assert report["frames"]["dropped"] == 0
         assert curl(server + made["urls"]["self"], "--request", "DELETE").status == 204
+
+
+@pytest.mark.parametrize(
+    ("order", "status"),
+    [
+        ({"text": "🙂"}, 422),
+        ({"text": "  "}, 422),
+        ({"text": "Hello.", "speed": 3}, 422),
+        ({"text": "Hello.", "voice": "nobody"}, 404),
+        ({"text": "Hello.", "avatar": "nobody"}, 404),
+    ],
+)
+def test_a_refused_order_leaves_no_stream_behind(
+    server: str, running, curl, order: dict[str, Any], status: int
+) -> None:
+    def folders() -> list[str]:
+        return sorted(path.name for path in running.temporary.glob("mary-streams-*/*"))
+
+    before = folders()
+    assert curl(f"{server}/v1/streams", "--json", json.dumps(order)).status == status
+    assert folders() == before
 
 
 def test_what_is_said_is_reported_with_its_timings(server: str, curl) -> None:

@@ -1,4 +1,7 @@
+import os
 import shutil
+import subprocess
+import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -11,7 +14,7 @@ from hypothesis import strategies as st
 from app.align.boundaries import activity
 from app.errors import MissingExtra, NotFound, NothingToSay, SpeechFailed
 from app.speech import SILENCE, Speech
-from app.tts.hibari import LEAD, RATE, TAIL, HibariEngine, assign
+from app.tts.hibari import LEAD, RATE, TAIL, HibariEngine
 from app.tts.narrate import check, narrate
 from app.tts.text import clean
 
@@ -104,33 +107,6 @@ def test_quotes_dashes_and_folded_letters(engine: HibariEngine) -> None:
     assert said(speech, '"Łódź"').startswith("L ")
 
 
-@pytest.mark.parametrize(
-    ("spoken", "expected", "spans"),
-    [
-        (["a", "b"], [["a"], ["b"]], [(0, 1), (1, 2)]),
-        (["x", "y", "b"], [["a"], ["b"]], [(0, 2), (2, 3)]),
-        (["ten", "thirty", "P.M."], [["ten", "thirty"], ["pm"]], [(0, 2), (2, 3)]),
-        (["three", "million", "dollars", "now"], [["three"], ["million"], ["now"]], [(0, 1), (1, 3), (3, 4)]),
-        (["a"], [["a"], [], ["c"]], [(0, 1), (1, 1), (1, 1)]),
-        (["new", "a"], [["a"]], [(0, 2)]),
-        ([], [["a"]], [(0, 0)]),
-        (["a"], [], []),
-    ],
-)
-def test_assign(spoken: list[str], expected: list[list[str]], spans: list[tuple[int, int]]) -> None:
-    assert [(span.start, span.stop) for span in assign(spoken, expected)] == spans
-
-
-@given(
-    st.lists(st.sampled_from("abc"), max_size=12),
-    st.lists(st.lists(st.sampled_from("abcd"), max_size=3), min_size=1, max_size=8),
-)
-def test_assigned_spans_are_in_order_and_share_out_everything(spoken: list[str], expected: list[list[str]]) -> None:
-    spans = assign(spoken, expected)
-    assert len(spans) == len(expected)
-    assert [at for span in spans for at in span] == list(range(len(spoken) if any(expected) else 0))
-
-
 def test_the_same_text_makes_the_same_samples(engine: HibariEngine) -> None:
     first, again = (engine.speak("The very same.", voice="heart") for _ in range(2))
     np.testing.assert_array_equal(first.samples, again.samples)
@@ -209,3 +185,12 @@ def test_a_model_without_durations_is_refused(monkeypatch: pytest.MonkeyPatch, t
     (tmp_path / "bf_emma.int8.onnx").write_bytes(b"")
     with pytest.raises(SpeechFailed, match=r"one tensor of durations.*found 0"):
         HibariEngine().speak("hello", voice="emma")
+
+
+def test_nothing_is_reported_to_the_maker_of_the_runtime(tmp_path: Path) -> None:
+    """The runtime would keep a device id in the home folder and send usage from there."""
+    code = "from app.tts.registry import create; create('hibari').speak('Hello.', voice='')"
+    environment = {name: value for name, value in os.environ.items() if name != "ORT_DISABLE_TELEMETRY"}
+    environment |= {"HOME": str(tmp_path), "TMPDIR": str(tmp_path)}
+    subprocess.run([sys.executable, "-c", code], env=environment, check=True)
+    assert not [path for path in tmp_path.rglob("*") if "onnxruntime" in str(path)]
