@@ -109,6 +109,8 @@ class AvatarShelf:
             NotFound: there is no such pack.
             BadPack: it is damaged.
         """
+        if not self._folder.is_dir():
+            raise NotFound("there are no avatars: their folder does not exist", advice="Check avatars.folder.")
         if avatar not in self.ids():
             known = ", ".join(self.ids()) or "none"
             raise NotFound(f"there is no avatar {avatar!r}", field="avatar", advice=f"Known avatars: {known}.")
