@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-from importlib import import_module
-from importlib.metadata import EntryPoint, entry_points
-from typing import Any
-
 from app.align.aligner import Aligner
-from app.errors import AlignmentFailed, MissingExtra, NotFound
+from app.errors import AlignmentFailed
+from app.plugins import Plugins
 
 GROUP = "mary.align"
 
-_OURS = {"pocketsphinx": ("app.align.pocketsphinx", "PocketSphinxAligner"), "mock": ("app.align.mock", "MockAligner")}
+_PLUGINS = Plugins(
+    "aligner",
+    GROUP,
+    "aligner",
+    {"pocketsphinx": ("app.align.pocketsphinx", "PocketSphinxAligner"), "mock": ("app.align.mock", "MockAligner")},
+)
 
-
-def names() -> tuple[str, ...]:
-    """Names of all aligners that can be created, ours first."""
-    return (*_OURS, *sorted(set(_theirs()) - set(_OURS)))
+names = _PLUGINS.names
 
 
 def create(name: str) -> Aligner:
@@ -27,28 +26,10 @@ def create(name: str) -> Aligner:
         MissingExtra: the aligner's library is not installed.
         AlignmentFailed: the entry point does not make an aligner.
     """
-    try:
-        if name in _OURS:
-            module, attribute = _OURS[name]
-            factory: Any = getattr(import_module(module), attribute)
-        elif name in (theirs := _theirs()):
-            factory = theirs[name].load()
-        else:
-            raise NotFound(f"there is no aligner {name!r}", field="aligner", advice=f"Known: {', '.join(names())}.")
-        aligner = factory()
-    except ImportError as error:
-        raise MissingExtra(
-            f"aligner {name} needs {error.name or error}, which is not installed",
-            advice=f"pip install the package that {name} comes from.",
-            field="aligner",
-        ) from error
+    aligner = _PLUGINS.make(name)
     if not isinstance(aligner, Aligner):
         raise AlignmentFailed(
             f"{name} is no aligner: {type(aligner).__name__} lacks name or align",
             advice=f"Correct the entry point {name} in the group {GROUP}.",
         )
     return aligner
-
-
-def _theirs() -> dict[str, EntryPoint]:
-    return {point.name: point for point in entry_points(group=GROUP)}

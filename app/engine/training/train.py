@@ -58,7 +58,7 @@ class Trained:
 
     Attributes:
         modes: the serving form, without detail.
-        coefficients: (T, K) analysed mode coefficients of every frame of the recording.
+        coefficients: (T, K) analysed mode coefficients of every frame; zero where nothing was learnt from it.
         morphable: prototypes and flows.
         trajectory: the trajectory model.
         rest: (K,) the mouth at rest.
