@@ -82,6 +82,7 @@ class PocketSphinxAligner:
         self._dictionary = dictionary or Dictionary()
         self.time_limit = time_limit
         self._lock = threading.Lock()
+        self._closing = threading.Event()
         self._worker: _Worker | None = None
 
     def warm_up(self) -> None:
@@ -120,9 +121,13 @@ class PocketSphinxAligner:
         )
 
     def close(self) -> None:
-        """End the process; the next call starts a new one."""
+        """End the process; a call under way in another thread fails at once, the next one starts a new process."""
+        self._closing.set()
+        if (worker := self._worker) is not None:
+            worker.kill()
         with self._lock:
             self._drop()
+            self._closing.clear()
 
     def __enter__(self) -> PocketSphinxAligner:
         return self
@@ -186,6 +191,8 @@ class PocketSphinxAligner:
         try:
             if self._worker is None:
                 self._worker = _Worker()
+            if self._closing.is_set():  # looked at after the start: a new process cannot escape `close`
+                raise _Died("it was closed")
             reply = self._worker.ask(request, _padded(sound), limit)
         except _Died as death:
             self._drop()
@@ -265,6 +272,10 @@ class _Worker:
             raise _Died(f"its process ended ({_reason(self._process)})") from error
         finally:
             timer.cancel()
+
+    def kill(self) -> None:
+        """Make whoever waits for an answer wait no longer; the rest is for `end` to do."""
+        self._process.kill()
 
     def end(self) -> None:
         self._finalizer()

@@ -85,7 +85,7 @@ def read_transcript(path: Path) -> Transcript:
     try:
         if path.stat().st_size > MOST_BYTES:
             raise InputError(f"more than {MOST_BYTES // 1_000_000} MB are no transcript")
-        transcript = parser(_decoded(path.read_bytes()))
+        transcript = parser(decoded(path.read_bytes()))
         if not any(letter.isalnum() for letter in transcript.text):
             raise InputError("the transcript has no words")
     except OSError as error:
@@ -95,7 +95,8 @@ def read_transcript(path: Path) -> Transcript:
     return transcript
 
 
-def _decoded(data: bytes) -> str:
+def decoded(data: bytes) -> str:
+    """Text in UTF-8 or, with a byte order mark, UTF-16; lines end with newline. Raises InputError if it is neither."""
     wide = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
     try:
         text = data.decode("utf-16" if wide else "utf-8-sig")
