@@ -194,9 +194,7 @@ def _lines(path: Path, names: Mapping[Path, str]) -> dict[str, str]:
     if path.suffix.lower() not in LIST_SUFFIXES or any(path.stem == video.stem for video in names):
         return {}
     try:
-        lines = [
-            (number, line) for number, line in enumerate(decoded(path.read_bytes()).splitlines(), 1) if line.strip()
-        ]
+        lines = decoded(path.read_bytes()).split("\n")
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror}") from error
     except InputError as error:

@@ -49,6 +49,7 @@ START_LIMIT = 30.0  # seconds for the process to start and answer, whatever is a
 LIMIT_PER_SECOND = 1.0  # and this for each second of sound; it needs 0.03
 
 HALFWAY = 50.0  # misfit between those of right transcripts and of wrong ones: confidence 0.5
+WORST = 110.0  # misfit of one phone is counted up to this: one short slip among many phones is no other text
 STEEPNESS = 5.0  # of misfit that takes confidence from 0.5 to 0.27
 
 
@@ -342,7 +343,7 @@ def _cut(heard: Sequence[tuple[float, float]]) -> tuple[int, float]:
 def _confidence(scores: Sequence[float]) -> float:
     if not scores:
         return 0.0
-    misfit = math.sqrt(math.fsum(score * score for score in scores) / len(scores))
+    misfit = math.sqrt(math.fsum(min(-score, WORST) ** 2 for score in scores) / len(scores))
     return 1 / (1 + math.exp(min((misfit - HALFWAY) / STEEPNESS, 700.0)))
 
 
