@@ -48,7 +48,7 @@ LONG_PAUSE = 0.5  # seconds: surely a pause
 START_LIMIT = 30.0  # seconds for the process to start and answer, whatever is asked of it
 LIMIT_PER_SECOND = 1.0  # and this for each second of sound; it needs 0.03
 
-HALFWAY = 50.0  # misfit between those of right transcripts and of wrong ones: confidence 0.5
+HALFWAY = 49.0  # misfit between those of right transcripts and of wrong ones: confidence 0.5
 WORST = 110.0  # misfit of one phone is counted up to this: one short slip among many phones is no other text
 STEEPNESS = 5.0  # of misfit that takes confidence from 0.5 to 0.27
 
