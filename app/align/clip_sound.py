@@ -61,6 +61,8 @@ def read_clip_sound(video: Path) -> ClipSound:
     """
     try:
         with av.open(str(video.absolute()), options={"protocol_whitelist": "file"}) as container:
+            if not len(container.streams):
+                raise InputError("nothing is in it", advice="It may be cut off: copy or convert it anew.")
             pictures = [each for each in container.streams.video if not _cover(each)]
             sounds = container.streams.audio
             if not pictures:
