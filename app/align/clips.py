@@ -142,19 +142,16 @@ def _matched(videos: Sequence[Path], files: Sequence[Path]) -> dict[Path, Path |
     A transcript that is nearer to another video of the same name is not taken: it is what that one says.
     """
     named = _by_stem(files)
-    best: dict[Path, Path | None] = {}
-    for video in videos:
-        choice = named.get(video.stem, ())
-        most = max((_shared(video, path) for path in choice), default=0)
-        best[video] = _best(video, [path for path in choice if _shared(video, path) == most])
     nearest: dict[Path, int] = defaultdict(int)
-    for video, path in best.items():
-        if path is not None:
+    for video in videos:
+        for path in named.get(video.stem, ()):
             nearest[path] = max(nearest[path], _shared(video, path))
-    return {
-        video: path if path is not None and _shared(video, path) == nearest[path] else None
-        for video, path in best.items()
-    }
+    matched: dict[Path, Path | None] = {}
+    for video in videos:
+        choice = [path for path in named.get(video.stem, ()) if _shared(video, path) == nearest[path]]
+        most = max((nearest[path] for path in choice), default=0)
+        matched[video] = _best(video, [path for path in choice if nearest[path] == most])
+    return matched
 
 
 def _by_stem(files: Iterable[Path]) -> _Folder:
