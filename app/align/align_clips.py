@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import queue
 import threading
+import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,6 +18,8 @@ from app.errors import AlignmentFailed, InputError, MaryError
 from app.speech import Phone, Word
 
 END_LIMIT = 5.0  # seconds that the threads may take to end when a run is broken off; they end with Mary anyway
+
+END_STEP = 0.1  # seconds between attempts to end them
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,10 +112,7 @@ def align_clips(
             number, results[number] = answer
             progress((done + 1) / len(clips))
     finally:
-        run.end()
-        for thread in threads:
-            if thread.ident is not None:
-                thread.join(END_LIMIT)
+        run.end([thread for thread in threads if thread.ident is not None])
     return Aligned(
         tuple(result for result in results if isinstance(result, SpokenClip)),
         tuple(result for result in results if isinstance(result, Refused)),
@@ -155,10 +155,22 @@ class _Run:
         except BaseException as error:
             self.done.put(error)
 
-    def end(self) -> None:
-        """No clip is begun any more, and the aligners are closed."""
+    def end(self, threads: Sequence[threading.Thread]) -> None:
+        """No clip is begun any more, the aligners are closed, and the threads have ended, or soon will.
+
+        A thread may turn to its aligner just after that was closed, so they are closed until all threads are gone.
+        """
         with self._lock:
             self._ended = True
+        limit = time.monotonic() + END_LIMIT
+        alive = list(threads)
+        while alive and time.monotonic() < limit:
+            self._close()
+            alive[0].join(END_STEP)
+            alive = [thread for thread in alive if thread.is_alive()]
+        self._close()
+
+    def _close(self) -> None:
         for aligner in self._aligners:
             if callable(close := getattr(aligner, "close", None)):
                 close()
@@ -194,6 +206,7 @@ def _result(clip: Clip, lend: Callable[[], Aligner], cache: AlignmentCache | Non
     aligner = lend() if transcript.phones is None else None
     name = aligner.name if aligner else ""
     try:
+        clip.video.open("rb").close()
         key = cache.key(clip, name) if cache else ""
         entry = cache.read(key) if cache else None
         if entry is None:

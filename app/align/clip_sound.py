@@ -60,6 +60,8 @@ def read_clip_sound(video: Path) -> ClipSound:
             says what to do. The message does not name the file.
     """
     try:
+        if not video.stat().st_size:
+            raise InputError("it is empty", advice="Copy it anew.")
         with av.open(str(video.absolute()), options={"protocol_whitelist": "file"}) as container:
             if not len(container.streams):
                 raise InputError("nothing is in it", advice="It may be cut off: copy or convert it anew.")

@@ -34,6 +34,14 @@ def sphinx() -> Iterator[PocketSphinxAligner]:
 
 
 @pytest.fixture(scope="session")
+def grid() -> Path:
+    """The folder of a real talker's clips."""
+    if not (GRID / "test").is_dir():
+        pytest.skip(f"no recordings of the GRID corpus in {GRID} (MARY_GRID names another folder)")
+    return GRID
+
+
+@pytest.fixture(scope="session")
 def clips() -> tuple[Clip, ...]:
     """Eight sentences of a real talker."""
     paths = sorted((GRID / "test").glob("*.mpg"))[::4]

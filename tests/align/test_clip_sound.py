@@ -158,7 +158,7 @@ def test_a_film_that_is_cut_off_says_so(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (b"", "cannot be read as a video"),
+        (b"", "it is empty"),
         (b"hello, this is text\n" * 50, "cannot be read as a video"),
         (b"#EXTM3U\n#EXTINF:1,\nhttp://127.0.0.1:9/a.ts\n#EXT-X-ENDLIST\n", "cannot be read as a video"),
         (bytes(range(256)) * 40, "cannot be read as a video"),

@@ -212,6 +212,18 @@ def test_it_can_be_closed_and_used_again(own: PocketSphinxAligner, spoken: tuple
     assert own.process is not None
 
 
+def test_closing_ends_a_call_under_way(own: PocketSphinxAligner, spoken: tuple[Speech, ...]) -> None:
+    assert own.process is not None
+    os.kill(own.process, signal.SIGSTOP)  # it would not answer before its time limit of half a minute
+    closer = threading.Timer(0.3, own.close)
+    closer.start()
+    with pytest.raises(AlignmentFailed, match="pocketsphinx: "):
+        own.align(spoken[0].samples, spoken[0].rate, SENTENCES[0])
+    closer.join()
+    assert own.process is None
+    assert own.align(spoken[0].samples, spoken[0].rate, SENTENCES[0]).confidence > 0.9
+
+
 async def test_the_event_loop_runs_on(own: PocketSphinxAligner, spoken: tuple[Speech, ...]) -> None:
     """Many ticks of the loop while one call is under way: with the decoder in this process there were two."""
     samples = np.concatenate([speech.samples for speech in spoken * 2])
