@@ -16,6 +16,7 @@ import re
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 from app.align.aligner import Alignment, assemble
@@ -25,6 +26,7 @@ from app.errors import InputError
 from app.speech import PHONES, SILENCE, Phone, Word
 
 MOST_BYTES = 20_000_000
+LEAST_ROLLING = 3  # pairs of captions: fewer may just say the same twice
 GRID_RATE = 25_000  # ticks a second in .align files
 TOUCHING = 0.002  # 2 ms: a phone that sticks out of its word by less, by rounding, is still part of it
 
@@ -36,6 +38,7 @@ _MFA: dict[str, tuple[str, ...]] = {
     "d̪": ("DH",),
 }  # fmt: skip
 _CAPTION_TIME = re.compile(r"(?:(\d+):)?(\d{1,2}):(\d{2})[.,](\d{3})\s+-->\s+(?:(\d+):)?(\d{1,2}):(\d{2})[.,](\d{3})")
+_BLANK = re.compile(r"\n[ \t]+\n(?=(?:[^\n]*\n)?[^\n]*-->)")  # an empty line with spaces; else a caption's first line
 _TAG = re.compile(r"<[^<>]*>")
 
 
@@ -153,8 +156,8 @@ def _textgrid(text: str) -> Transcript:
 
 
 def _captions(text: str) -> Transcript:
-    captions: list[Word] = []
-    for block in re.split(r"\n[ \t]*\n", text):
+    shown: list[tuple[float, float, list[str]]] = []
+    for block in re.split(r"\n\n+", _BLANK.sub("\n\n", text)):
         lines = block.strip().splitlines()
         timing = next((at for at, line in enumerate(lines[:2]) if "-->" in line), None)
         if timing is None:  # the header, a note, a style
@@ -162,11 +165,26 @@ def _captions(text: str) -> Transcript:
         found = _CAPTION_TIME.match(lines[timing].strip())
         if found is None:
             raise InputError(f"“{lines[timing].strip()[:60]}” is no time of a caption")
-        start, end = _seconds(found.groups()[:4]), _seconds(found.groups()[4:])
-        said = html.unescape(_TAG.sub("", " ".join(lines[timing + 1 :])))
-        if said.strip():
-            captions.append(Word(" ".join(said.split()), start, end))
-    return Transcript(" ".join(caption.text for caption in captions), captions=tuple(captions))
+        said = html.unescape(_TAG.sub("", "\n".join(lines[timing + 1 :])))
+        written = [" ".join(line.split()) for line in said.splitlines() if line.strip()]
+        if written:
+            shown.append((_seconds(found.groups()[:4]), _seconds(found.groups()[4:]), written))
+    captions = tuple(Word(" ".join(lines), start, end) for start, end, lines in _unrolled(shown) if lines)
+    return Transcript(" ".join(caption.text for caption in captions), captions=captions)
+
+
+def _unrolled(shown: Sequence[tuple[float, float, list[str]]]) -> list[tuple[float, float, list[str]]]:
+    """Captions without the lines that stay from the one before, if they roll: automatic ones show each line twice."""
+    stay = [_staying(before[2], after[2]) for before, after in pairwise(shown)]
+    if len(stay) < LEAST_ROLLING or sum(map(bool, stay)) <= len(stay) / 2:
+        return list(shown)
+    return [(start, end, lines[count:]) for count, (start, end, lines) in zip([0, *stay], shown, strict=True)]
+
+
+def _staying(before: Sequence[str], after: Sequence[str]) -> int:
+    """How many lines at the end of one caption begin the next."""
+    sizes = range(min(len(before), len(after)), 0, -1)
+    return next((size for size in sizes if list(before[-size:]) == list(after[:size])), 0)
 
 
 _PARSERS: dict[str, Callable[[str], Transcript]] = {

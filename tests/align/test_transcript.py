@@ -58,13 +58,61 @@ def test_grid(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "text"), [("a.vtt", VTT), ("a.srt", SRT), ("a.vtt", VTT.replace("\n", "\r\n")), ("a.vtt", "\ufeff" + VTT)]
+    ("name", "text"),
+    [
+        ("a.vtt", VTT),
+        ("a.srt", SRT),
+        ("a.vtt", VTT.replace("\n", "\r\n")),
+        ("a.vtt", "\ufeff" + VTT),
+        ("a.srt", SRT.replace("\n\n", "\n \n")),
+    ],
 )
 def test_captions(tmp_path: Path, name: str, text: str) -> None:
     transcript = read_transcript(file(tmp_path, name, text))
     assert transcript.text == "Fish & chips, please. now"
     assert transcript.captions == (Word("Fish & chips, please.", 1.0, 2.5), Word("now", 2.5, 3604.0))
     assert transcript.words is None
+
+
+ROLLING = """WEBVTT
+Kind: captions
+
+00:00:01.000 --> 00:00:03.000 align:start position:0%
+~
+hello<00:00:01.400><c> my</c><00:00:01.700><c> friends</c>
+
+00:00:03.000 --> 00:00:03.010 align:start position:0%
+hello my friends
+~
+
+00:00:03.010 --> 00:00:05.000 align:start position:0%
+hello my friends
+and<00:00:03.400><c> welcome</c>
+
+00:00:05.000 --> 00:00:05.010 align:start position:0%
+and welcome
+~
+
+00:00:05.010 --> 00:00:07.000 align:start position:0%
+and welcome
+back
+""".replace("~", " ")
+
+
+def test_rolling_captions_are_said_once(tmp_path: Path) -> None:
+    transcript = read_transcript(file(tmp_path, "a.vtt", ROLLING))
+    assert transcript.text == "hello my friends and welcome back"
+    assert transcript.captions == (
+        Word("hello my friends", 1.0, 3.0),
+        Word("and welcome", 3.01, 5.0),
+        Word("back", 5.01, 7.0),
+    )
+
+
+def test_what_is_said_twice_in_captions_stays(tmp_path: Path) -> None:
+    said = ["no", "no", "yes", "well", "well", "no"]
+    cues = [f"00:{at:02}.000 --> 00:{at + 1:02}.000\n{text}\n" for at, text in enumerate(said)]
+    assert read_transcript(file(tmp_path, "a.vtt", "WEBVTT\n\n" + "\n".join(cues))).text == " ".join(said)
 
 
 @pytest.mark.parametrize("labels", ["B L UW1 F AY1 ER0", "b l uw f ay er", "b l uː f aj ɚ"])
