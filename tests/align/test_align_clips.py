@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -158,6 +159,18 @@ def test_no_clips() -> None:
     assert align_clips([], MockAligner) == Aligned((), ())
 
 
+def test_the_calls_in_the_documentation_work(
+    corpus: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    page = (ROOT / "docs/speech.md").read_text("utf-8")
+    (example,) = re.findall(r"```py\n(.*?)```", page, re.DOTALL)
+    (tmp_path / "recordings").symlink_to(corpus)
+    monkeypatch.chdir(tmp_path)
+    exec(example, {})
+    assert capsys.readouterr().out == "4 () None\n"
+    assert len(list((tmp_path / "alignments").iterdir())) == 4
+
+
 # --- what is refused --------------------------------------------------------------------------------------------------
 
 
@@ -313,7 +326,7 @@ def test_a_run_broken_off_ends_an_aligner_at_work(corpus: Path) -> None:
     began = time.monotonic()
     with pytest.raises(KeyboardInterrupt):
         align_clips(find_clips([corpus]), make, workers=2, progress=stop)
-    assert time.monotonic() - began < 4
+    assert time.monotonic() - began < 10
     assert [aligner.process for aligner in made] == [None] * len(made)
     assert not [thread for thread in threading.enumerate() if thread.name.startswith("align-clips")]
 
@@ -339,7 +352,7 @@ def test_interrupted_it_leaves_no_process_behind(corpus: Path) -> None:
         began = time.monotonic()
         os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to all
         _, errors = process.communicate(timeout=30)
-        assert time.monotonic() - began < 4
+        assert time.monotonic() - began < 10
         assert errors.decode().rstrip().endswith("KeyboardInterrupt")
         assert process.returncode != 0
         with pytest.raises(ProcessLookupError):
