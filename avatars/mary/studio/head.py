@@ -66,7 +66,7 @@ def pivot(neck: Array) -> Array:
 
 
 def head_weight(points: Array, neck: Array) -> Array:
-    """How far points of the body (..., 3) go along with the head: 1 on the head, 0 on the shoulders, between on the neck.
+    """How far points of the body (..., 3) go along with the head: 1 on it, 0 on the shoulders, between on the neck.
 
     The border rises to the back, so that the jaw belongs to the head and the nape to the neck.
     """

@@ -21,7 +21,8 @@ class Look:
         lip, lip_patches, lip_share: lip colours and how much of them covers the skin.
         scalp: colour of the skin under the hair.
         iris, iris_inner, enamel, shirt: further colours.
-        hair_melanin, brow_melanin, lash_melanin: darkness, 0..1; 0.86 is the colour as it is written in `hair_material`.
+        hair_melanin, brow_melanin, lash_melanin: darkness, 0..1; at 0.86 the colours of `hair_material` are as
+            written there.
         hair_strands, hair_width: how many (about), and a factor on their thickness.
         hairline: height of the hairline over the eyes at the azimuths `HAIRLINE_AZIMUTHS`.
         parting: x of the parting.

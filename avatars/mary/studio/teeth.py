@@ -127,7 +127,14 @@ def _tube(rings: int, around: int, first: int) -> Faces:
 
 
 def _tooth(
-    arch: _Arch, way: float, width: float, height: float, number: int, edge: float, down: int, noise: np.random.Generator
+    arch: _Arch,
+    way: float,
+    width: float,
+    height: float,
+    number: int,
+    edge: float,
+    down: int,
+    noise: np.random.Generator,
 ) -> Array:
     """((ALONG + 1) * AROUND, 3) rings from the gum to the edge."""
     point, tangent, normal = arch.at(way)

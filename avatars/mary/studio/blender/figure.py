@@ -14,7 +14,7 @@ from avatars.mary.studio.blender.eyes import Eyes
 from avatars.mary.studio.blender.hair_material import hair_material
 from avatars.mary.studio.blender.lashes import Lashes
 from avatars.mary.studio.blender.nodes import plain
-from avatars.mary.studio.blender.objects import METRES, add_mesh, add_strands, move_mesh, move_strands
+from avatars.mary.studio.blender.objects import add_mesh, add_strands, move_mesh, move_strands
 from avatars.mary.studio.blender.shirt import add_shirt
 from avatars.mary.studio.blender.skin import add_tints, skin_material
 from avatars.mary.studio.face import Controls, Face
@@ -86,8 +86,8 @@ class Figure:
         for thing in self._far_from_mouth:
             thing.hide_render = only
 
-    def materials_by_part(self) -> dict[str, list[Any]]:
-        """Blender's objects as `shirt` and `body`; whatever is not named here goes along with the head."""
+    def parts(self) -> dict[str, list[Any]]:
+        """Blender's objects of `shirt` and `body`; all others go along with the head."""
         return {"shirt": self._shirt, "body": [self.body]}
 
     def _add_body(self, data: Path) -> tuple[NDArray[np.intp], list[list[int]]]:

@@ -90,6 +90,16 @@ class Stage:
         cycles.denoising_prefilter = "ACCURATE" if fine else "FAST"
         cycles.denoising_quality = "HIGH" if fine else "BALANCED"
 
+    def show_data(self) -> None:
+        """From now on render numbers instead of light: no backdrop, no denoiser, no lens blur, no tone curve."""
+        cycles, view, file = self._scene.cycles, self._scene.view_settings, self._scene.render.image_settings
+        cycles.use_denoising = False
+        self._scene.render.film_transparent = True
+        self.backdrop.hide_render = True
+        self._camera.data.dof.use_dof = False
+        view.view_transform, view.look = "Raw", "None"
+        file.file_format, file.color_depth, file.color_mode = "OPEN_EXR", "32", "RGBA"
+
     def render(self, path: Path, size: int, box: Box | None = None) -> None:
         """Render a picture of `size` by `size` pixels, or a box of it, into a file; a stopped render leaves none."""
         render = self._scene.render
