@@ -17,12 +17,12 @@ from avatars.mary.studio.visemes import VISEMES
 from avatars.mary.studio.workspace import FPS, Workspace, read_json
 
 SHEET = (4, 6)  # rows and columns of the sheet of visemes
-MOVING_CRF = 6
+MOVING_CRF = 4
 
 
 def pack(workspace: Workspace) -> None:
     """Write into `products` all that can be made of what has been rendered, and say what that is."""
-    if workspace.phones.exists():
+    if workspace.phones.exists() and workspace.words.exists():
         _pack_labels(workspace)
     if workspace.still.exists() and workspace.weights.exists():
         _pack_recording(workspace)

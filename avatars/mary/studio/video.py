@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from fractions import Fraction
+from itertools import chain
 from pathlib import Path
 
 import av
@@ -35,27 +36,26 @@ def _write(
     options: dict[str, str],
     sound: Path | None,
 ) -> None:
+    pictures = iter(pictures)
+    first = next(pictures)
     muxer = {"fflags": "+bitexact"} | ({"movflags": "faststart"} if path.suffix == ".mp4" else {})
     with av.open(str(path), "w", options=muxer) as output:
-        stream = None
+        stream = output.add_stream(codec, rate=FPS, options=options)
+        stream.height, stream.width = first.shape[:2]
+        stream.pix_fmt = pixels
+        if pixels != "rgb24":
+            context = stream.codec_context
+            context.color_range, context.colorspace = ColorRange.MPEG, Colorspace.ITU709
+            context.color_primaries = context.color_trc = BT709
         audio = output.add_stream("aac", rate=_rate(sound), layout="mono", bit_rate=160_000) if sound else None
         count = 0
-        for count, picture in enumerate(pictures, 1):
-            if stream is None:
-                stream = output.add_stream(codec, rate=FPS, options=options)
-                stream.height, stream.width = picture.shape[:2]
-                stream.pix_fmt = pixels
-                if pixels != "rgb24":
-                    context = stream.codec_context
-                    context.color_range, context.colorspace = ColorRange.MPEG, Colorspace.ITU709
-                    context.color_primaries = context.color_trc = BT709
+        for picture in chain([first], pictures):
             frame = av.VideoFrame.from_ndarray(picture, format="rgb24")
             if pixels != "rgb24":
                 frame = frame.reformat(format=pixels, dst_colorspace=Colorspace.ITU709, dst_color_range=ColorRange.MPEG)
-            frame.pts, frame.time_base = count - 1, Fraction(1, FPS)
+            frame.pts, frame.time_base = count, Fraction(1, FPS)
             output.mux(stream.encode(frame))
-        if stream is None:
-            raise ValueError(f"{path.name}: no pictures")
+            count += 1
         output.mux(stream.encode(None))
         if sound is not None and audio is not None:
             _add_sound(output, audio, sound, count / FPS)

@@ -31,7 +31,9 @@ NOTE = (
     "y down; head rotation R = Ry(yaw) Rx(pitch) Rz(roll) in degrees about the pivot; then the whole figure goes by "
     "`place` (dm; x to her left, y up, z nearer), which is done by moving the camera the other way; scale = size of "
     "the pivot's depth over its size in the neutral picture. landmarks: of the lips as they are, of the face as the "
-    "skull carries them; surface: all as the skin is rendered"
+    "skull carries them; surface: all as the skin is rendered; camera: view takes (x, -z, y) / 10, metres, to the "
+    "camera, which looks along -z, and focal is the focal length over the picture's width; points_dm: the landmarks "
+    "at rest"
 )
 
 
@@ -60,6 +62,8 @@ def render_moving(data: Path, workspace: Workspace, size: int, samples: int, thr
         "pivot_dm": pivot(figure.face.neck).tolist(),
         "recording_frames": [FIRST_SPOKEN, FIRST_SPOKEN + MOVING_FRAMES],
         "note": NOTE,
+        "camera": {"view": home.view.tolist(), "focal": home.focal},
+        "points_dm": dict(zip(points.names, rest.round(5).tolist(), strict=True)),
         "neutral": rounded(points.names, neutral),
         "poses": poses,
     }
