@@ -58,9 +58,8 @@ class Face:
                 vertices += weight * self._units[name]
         tuck = controls.get("xTuck", 0.0)
         if tuck:
-            weight = self._tuck * tuck
-            vertices[:, 2] -= 0.105 * weight
-            vertices[:, 1] += 0.004 * weight
+            vertices[:, 2] -= 0.105 * tuck * self._tuck
+            vertices[:, 1] += 0.004 * tuck * self._tuck
         rounding = controls.get("xRound", 0.0)
         if rounding:
             vertices[:, 0] *= 1 - 0.42 * rounding * self._round

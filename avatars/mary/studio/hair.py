@@ -116,7 +116,7 @@ def _clumped(strands: Array, roots: Array, side: Array, lift: Array, strength: f
         distance += 9 * (side[rows, None] != side[leaders][None])  # never across the parting
         distance += 0.02 * (lift[rows, None] - lift[leaders][None]) ** 2
         nearest[rows] = distance.argmin(1)
-    share = (np.random.default_rng(8).uniform(0.25, 0.8, count) * strength)[:, None, None]
+    share = np.random.default_rng(8).uniform(0.25, 0.8, (count, 1, 1)) * strength
     share = share * smoothstep(0.05, 1.0, along)[None, :, None]
     offset = np.random.default_rng(9).normal(0, 0.012, (count, 1, 3)) * along[None, :, None]
     ruffle = np.cumsum(np.random.default_rng(10).normal(0, 0.0012, strands.shape), 1)

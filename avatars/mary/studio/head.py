@@ -62,7 +62,8 @@ def about_z(degrees: float) -> Array:
 
 def pivot(neck: Array) -> Array:
     """(3,) the point that stays when the head turns: a little over and in front of the neck joint."""
-    return neck + np.array([0, 0.25, 0.15])
+    centre: Array = neck + np.array([0, 0.25, 0.15])
+    return centre
 
 
 def head_weight(points: Array, neck: Array) -> Array:

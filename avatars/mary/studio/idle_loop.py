@@ -183,7 +183,7 @@ def _nearest(there: NDArray[np.bool_]) -> Numbers:
     )
     source = np.zeros(labels.max() + 1, np.intp)
     source[labels[there]] = np.flatnonzero(there.ravel())
-    return source[labels]
+    return cast(Numbers, source[labels])
 
 
 def _backward(scene: _Scene, edges: _Edges, head: HeadPose, breath: float) -> Picture:
@@ -208,7 +208,7 @@ def _backward(scene: _Scene, edges: _Edges, head: HeadPose, breath: float) -> Pi
     smooth = [
         cv2.GaussianBlur(cv2.medianBlur(np.ascontiguousarray(drawn[..., axis]), 3), (0, 0), 0.6) for axis in (0, 1)
     ]
-    return -np.stack(smooth, -1)
+    return cast(Picture, -np.stack(smooth, -1))
 
 
 def _splat(motion: Picture, depth: Picture) -> tuple[Picture, Picture]:
@@ -252,4 +252,4 @@ def _moved(picture: Picture, cover: Picture, plate: Picture, back: Picture) -> P
         return cast(Picture, cv2.remap(image, map_x, map_y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE))
 
     figure = pulled(picture - (1 - cover[..., None]) * plate)
-    return figure + (1 - pulled(cover)[..., None].clip(0, 1)) * plate
+    return (figure + (1 - pulled(cover)[..., None].clip(0, 1)) * plate).astype(np.float32)

@@ -28,7 +28,7 @@ def write_picture(path: Path, picture: Picture) -> None:
 
 def to_bytes(picture: Picture) -> NDArray[np.uint8]:
     """Rounded to 8 bits."""
-    return np.clip(picture + 0.5, 0, 255).astype(np.uint8)
+    return cast(NDArray[np.uint8], np.clip(picture + 0.5, 0, 255).astype(np.uint8))
 
 
 def blurred(image: NDArray[Any], sigma: float) -> Picture:

@@ -57,7 +57,7 @@ def _steady(picture: Picture, neighbours: list[Picture], still: Picture) -> Pict
         share = (trust * np.exp(-((difference / AGREEMENT) ** 2)))[..., None]
         total += share * other
         weight += share
-    return total / weight
+    return (total / weight).astype(np.float32)
 
 
 def set_into(still: Picture, picture: Picture) -> Picture:
@@ -69,14 +69,13 @@ def set_into(still: Picture, picture: Picture) -> Picture:
 def _skin(picture: Picture) -> Picture:
     """(h, w, 1) 1 on this picture's skin (the jaw's outline moves) and in the mouth; 0 on hair, shirt and backdrop."""
     red, blue = picture[..., 0], picture[..., 2]
-    skin = np.clip((red - blue - 10) / 14, 0, 1) * np.clip((red - 70) / 30, 0, 1)
+    warm = np.clip((red - blue - 10) / 14, 0, 1) * np.clip((red - 70) / 30, 0, 1)
     x, y = np.meshgrid(np.arange(MOUTH.width, dtype=np.float32), np.arange(MOUTH.height, dtype=np.float32))
     centre_x, centre_y, half_width, half_height = LIPS
     mouth = ((x - centre_x) / half_width) ** 2 + ((y - centre_y) / half_height) ** 2 < 1
-    skin = np.maximum(skin, mouth.astype(np.float32))
-    skin = cv2.morphologyEx(skin, cv2.MORPH_CLOSE, np.ones((5, 5)))
-    skin = blurred(cv2.erode(skin, np.ones((3, 3))), 0.8)
-    mask: Picture = (skin * edge_ramp(MOUTH.width, MOUTH.height, MARGIN))[..., None]
+    closed = cv2.morphologyEx(np.maximum(warm, mouth.astype(np.float32)), cv2.MORPH_CLOSE, np.ones((5, 5)))
+    soft = blurred(cv2.erode(closed, np.ones((3, 3))), 0.8)
+    mask: Picture = (soft * edge_ramp(MOUTH.width, MOUTH.height, MARGIN))[..., None]
     return mask
 
 

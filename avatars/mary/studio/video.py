@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from fractions import Fraction
 from itertools import chain
 from pathlib import Path
+from typing import cast
 
 import av
 import numpy as np
@@ -40,7 +41,7 @@ def _write(
     first = next(pictures)
     muxer = {"fflags": "+bitexact"} | ({"movflags": "faststart"} if path.suffix == ".mp4" else {})
     with av.open(str(path), "w", options=muxer) as output:
-        stream = output.add_stream(codec, rate=FPS, options=options)
+        stream = cast(av.VideoStream, output.add_stream(codec, rate=FPS, options=options))
         stream.height, stream.width = first.shape[:2]
         stream.pix_fmt = pixels
         if pixels != "rgb24":

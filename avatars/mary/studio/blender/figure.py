@@ -49,11 +49,12 @@ class Figure:
         self._shirt = add_shirt(face, self.body)
         triangles = _triangles(self._body_members, body_faces)
         brows = Brows(face, self.body, triangles, noise)
-        lashes = [Lashes(face, side, triangles, noise) for side in "lr"]
-        self._on_skin = [brows, *lashes]
-        self._add_hair()
-        hair_and_lashes = [self._hair, self._under_hair[0][0], *(part.object for part in self._on_skin)]
-        self._far_from_mouth = [*hair_and_lashes, *self._eyes.objects]
+        self._on_skin: list[Brows | Lashes] = [brows, *(Lashes(face, side, triangles, noise) for side in "lr")]
+        self._hair_points, self._hair_rotation = bob(face), AT_REST.rotation.tobytes()
+        self._hair = self._add_hair()
+        self._under_hair = self._add_under_hair()
+        hidden, _ = self._under_hair[0]
+        self._far_from_mouth = [self._hair, hidden, *(part.object for part in self._on_skin), *self._eyes.objects]
         self.body.modifiers[0].levels = self.body.modifiers[0].render_levels = 1  # brows are set on a finer surface
 
     def pose(self, controls: Controls, head: HeadPose = AT_REST) -> None:
@@ -82,7 +83,7 @@ class Figure:
             thing.location[2] = rise
 
     def only_mouth(self, only: bool) -> None:
-        """Hide what a picture of the mouth does not show: a third of its time goes into the hair."""
+        """Hide what a picture of the mouth does not show: the hair alone takes longer than all the rest."""
         for thing in self._far_from_mouth:
             thing.hide_render = only
 
@@ -139,17 +140,20 @@ class Figure:
         )
         self._tongue.data.materials.append(material)
 
-    def _add_hair(self) -> None:
+    def _add_hair(self) -> Any:
         look = self.face.look
-        self._hair_points, self._hair_rotation = bob(self.face), AT_REST.rotation.tobytes()
         radii = np.r_[np.full(self._hair_points.shape[1] - 3, 0.00007), [0.00005, 0.00003, 0.00001]] * look.hair_width
-        self._hair = add_strands("hair", self._hair_points, radii, hair_material("hair", look.hair_melanin))
+        return add_strands("hair", self._hair_points, radii, hair_material("hair", look.hair_melanin))
+
+    def _add_under_hair(self) -> list[tuple[Any, Array]]:
+        """Cap and curtain, each with its vertices at rest, dm."""
         dark = plain("under the hair", (0.016, 0.009, 0.006), roughness=0.7, specular=0.15)
-        self._under_hair = []
+        sheets = []
         for name, (points, faces) in (("cap", cap(self.face)), ("curtain", curtain(self.face))):
             thing = add_mesh(name, points, faces)
             thing.data.materials.append(dark)
-            self._under_hair.append((thing, points))
+            sheets.append((thing, points))
+        return sheets
 
 
 def _triangles(members: NDArray[np.intp], faces: list[list[int]]) -> NDArray[np.intp]:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0 OR GPL-3.0-or-later
-"""The skin's graph turned into two pictures: a third of the time a frame, and less noise."""
+"""The skin's graph turned into two pictures: a frame takes half to a third of the time, and has less noise."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def bake_skin(body: Any, folder: Path) -> None:
     bpy.context.view_layer.objects.active = body
     cycles = bpy.context.scene.cycles
     samples, cycles.samples = cycles.samples, 1
-    images = []
+    images: list[Any] = []
     for name, socket in (
         ("colour", _source(tree, shader.inputs["Base Color"])),
         ("height_roughness", both.outputs[0]),
@@ -50,8 +50,11 @@ def bake_skin(body: Any, folder: Path) -> None:
             bpy.context.view_layer.update()
             image = _baked(tree, name, warm_up=not images)
             folder.mkdir(parents=True, exist_ok=True)
-            image.filepath_raw, image.file_format = str(path), "OPEN_EXR"
+            partial = path.with_name(f"{name}.part.exr")  # another process may be looking for the picture
+            image.filepath_raw, image.file_format = str(partial), "OPEN_EXR"
             image.save()
+            partial.rename(path)
+            image.filepath_raw = str(path)
         image.colorspace_settings.name = "sRGB"  # the baked buffers are stored sRGB-encoded
         images.append(image)
     cycles.samples = samples
