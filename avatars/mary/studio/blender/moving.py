@@ -29,11 +29,11 @@ FIRST_SPOKEN = 16
 NOTE = (
     "l/r = her left/right; pixels with 0 at the upper left corner of the picture (centres of pixels are at halves), "
     "y down; head rotation R = Ry(yaw) Rx(pitch) Rz(roll) in degrees about the pivot; then the whole figure goes by "
-    "`place` (dm; x to her left, y up, z nearer), which is done by moving the camera the other way; scale = size of "
-    "the pivot's depth over its size in the neutral picture. landmarks: of the lips as they are, of the face as the "
-    "skull carries them; surface: all as the skin is rendered; camera: view takes (x, -z, y) / 10, metres, to the "
-    "camera, which looks along -z, and focal is the focal length over the picture's width; points_dm: the landmarks "
-    "at rest"
+    "`place` (dm; x to her left, y up, z nearer), which is done by moving the camera the other way (the backdrop "
+    "stays); scale = how much larger than in the neutral picture things at the pivot's depth are. landmarks: of the "
+    "lips as they are, of the face as the skull carries them; surface: all as the skin is rendered; camera: view takes "
+    "(x, -z, y) / 10, metres, to the camera, which looks along -z, and focal is the focal length over the picture's "
+    "width; points_dm: the landmarks at rest"
 )
 
 
