@@ -10,9 +10,6 @@ from numpy.typing import NDArray
 
 from app.speech import SILENCE, Phone
 
-DIPHTHONGS = ("AY", "AW", "EY", "OW", "OY")
-"""Phones with two targets: two states, each half as long."""
-
 SILENCE_STEP = 0.05
 """Seconds. Silence near speech is split by its distance to it: the mouth closes and opens there."""
 SILENCE_STEPS = 4
@@ -61,26 +58,49 @@ class Occupancy:
     duration: NDArray[np.float64]
 
 
+NEIGHBOUR = "|"
+"""Between a state and the viseme beside it: `AE.0|P` is the first half of AE after P, B or M."""
+
+
 def viseme(state: str) -> int:
     """Index into `VISEMES` of the class that a state's phone belongs to."""
     phone = state.partition(".")[0]
     return next(i for i, members in enumerate(VISEMES) if phone in members)
 
 
+def parent(state: str) -> str:
+    """The state whatever is beside it."""
+    return state.partition(NEIGHBOUR)[0]
+
+
+def plain(state: str) -> str:
+    """The phone of a state of speech; states of silence keep their distance to it."""
+    whole = parent(state)
+    return whole if whole.startswith(SILENCE) else whole.partition(".")[0]
+
+
 def segments(phones: Sequence[Phone]) -> list[Segment]:
-    """Split phones into states: diphthongs in two, silence by its distance to speech."""
+    """Split phones into states.
+
+    Each phone is two halves: what the lips do in the first depends on the phone before it, in the second on the one
+    after it (coarticulation, as far as one neighbour reaches). Silence is split by its distance to speech.
+    """
     result: list[Segment] = []
     phones = _silences_joined(phones)
     for index, phone in enumerate(phones):
+        before = phones[index - 1].symbol if index else SILENCE
+        after = phones[index + 1].symbol if index + 1 < len(phones) else SILENCE
         if phone.symbol == SILENCE:
-            result += _silence(phone, after_speech=index > 0, before_speech=index < len(phones) - 1)
-        elif phone.symbol in DIPHTHONGS:
-            middle = (phone.start + phone.end) / 2
-            result.append(Segment(f"{phone.symbol}.0", phone.start, middle))
-            result.append(Segment(f"{phone.symbol}.1", middle, phone.end))
+            result += _silence(phone, before if index else "", after if index < len(phones) - 1 else "")
         else:
-            result.append(Segment(phone.symbol, phone.start, phone.end))
+            middle = (phone.start + phone.end) / 2
+            result.append(Segment(f"{phone.symbol}.0{_beside(before)}", phone.start, middle))
+            result.append(Segment(f"{phone.symbol}.1{_beside(after)}", middle, phone.end))
     return result
+
+
+def _beside(symbol: str) -> str:
+    return NEIGHBOUR + VISEMES[viseme(symbol)][0]
 
 
 def _silences_joined(phones: Sequence[Phone]) -> list[Phone]:
@@ -94,27 +114,28 @@ def _silences_joined(phones: Sequence[Phone]) -> list[Phone]:
     return joined
 
 
-def _silence(phone: Phone, *, after_speech: bool, before_speech: bool) -> list[Segment]:
-    half = (phone.end - phone.start) / (2 if after_speech and before_speech else 1)
+def _silence(phone: Phone, before: str, after: str) -> list[Segment]:
+    """States of a silence between two phones; an empty name: there is none on that side."""
+    half = (phone.end - phone.start) / (2 if before and after else 1)
     steps = min(SILENCE_STEPS, int(half / SILENCE_STEP + 1e-6))
-    after = steps if after_speech else 0
-    before = steps if before_speech else 0
+    closing = steps if before else 0
+    opening = steps if after else 0
     result = [
-        Segment(f"SIL.after{k}", phone.start + k * SILENCE_STEP, phone.start + (k + 1) * SILENCE_STEP)
-        for k in range(after)
+        Segment(f"SIL.after{k}{_beside(before)}", phone.start + k * SILENCE_STEP, phone.start + (k + 1) * SILENCE_STEP)
+        for k in range(closing)
     ]
-    rest = Segment(SILENCE, phone.start + after * SILENCE_STEP, phone.end - before * SILENCE_STEP)
-    if rest.end - rest.start > 1e-6 or not (after or before):
+    rest = Segment(SILENCE, phone.start + closing * SILENCE_STEP, phone.end - opening * SILENCE_STEP)
+    if rest.end - rest.start > 1e-6 or not (closing or opening):
         result.append(rest)
     result += [
-        Segment(f"SIL.before{k}", phone.end - (k + 1) * SILENCE_STEP, phone.end - k * SILENCE_STEP)
-        for k in reversed(range(before))
+        Segment(f"SIL.before{k}{_beside(after)}", phone.end - (k + 1) * SILENCE_STEP, phone.end - k * SILENCE_STEP)
+        for k in reversed(range(opening))
     ]
     return result
 
 
 MOST_STATES = 8
-"""States that one frame can show; at 25 fps and 25 ms a phone there are at most three."""
+"""States that one frame can show; at 25 fps and 25 ms a phone, in halves, there are at most five."""
 
 
 def occupancy(

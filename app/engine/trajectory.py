@@ -7,14 +7,14 @@ term for each, weighted by its share of the frame.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from app.engine.banded import smoothness_band, solve
-from app.engine.states import NEAREST, Occupancy, Segment, occupancy, segments
+from app.engine.states import NEAREST, Occupancy, Segment, occupancy, parent, segments
 from app.speech import SILENCE, Phone
 
 Array = NDArray[np.float64]
@@ -71,8 +71,8 @@ class GaussianTrajectory:
 
     def occupancy(self, phones: Sequence[Phone], frames: int) -> Occupancy:
         """States and shares of every frame (`app.engine.states.occupancy`), untrained states replaced."""
-        sequence = [self._known(segment) for segment in segments(phones)]
         names = {name: index for index, name in enumerate(self.states)}
+        sequence = [_known(segment, names) for segment in segments(phones)]
         return occupancy(sequence, names, frames, fps=self.fps, lead=self.lead, cap=self.cap)
 
     def targets(self, shown: Occupancy) -> tuple[Array, Array]:
@@ -115,16 +115,22 @@ class GaussianTrajectory:
     def _standardise(self, coefficients: Coefficients | None) -> Array | None:
         return None if coefficients is None else (coefficients.astype(np.float64) - self.offset) / self.scale
 
-    def _known(self, segment: Segment) -> Segment:
-        state = nearest_state(segment.state, self.states)
-        return segment if state == segment.state else replace(segment, state=state)
+
+def _known(segment: Segment, trained: Collection[str]) -> Segment:
+    state = nearest_state(segment.state, trained)
+    return segment if state == segment.state else replace(segment, state=state)
 
 
-def nearest_state(state: str, trained: Sequence[str]) -> str:
-    """The state itself if it was trained, else what stands in for it: its nearest viseme, never silence for speech."""
+def nearest_state(state: str, trained: Collection[str]) -> str:
+    """The state itself if it was trained, else what stands in for it.
+
+    First the same half of the phone whatever is beside it, then its nearest viseme's; never silence for speech.
+    """
     if state in trained:
         return state
-    phone, _, part = state.partition(".")
+    if parent(state) in trained:
+        return parent(state)
+    phone, _, part = parent(state).partition(".")
     if phone == SILENCE:
         return SILENCE
     queue, seen = [phone], set()
@@ -137,4 +143,4 @@ def nearest_state(state: str, trained: Sequence[str]) -> str:
             if name in trained:
                 return name
         queue += NEAREST.get(candidate, ())
-    return next(name for name in trained if not name.startswith(SILENCE))
+    return next(name for name in sorted(trained) if not name.startswith(SILENCE))

@@ -8,13 +8,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from app.engine.states import (
-    DIPHTHONGS,
     MOST_STATES,
     NEAREST,
+    NEIGHBOUR,
     SILENCE_STEP,
     VISEMES,
     Segment,
     occupancy,
+    parent,
+    plain,
     segments,
     viseme,
 )
@@ -85,18 +87,65 @@ def test_phones_too_short_to_tell_apart_never_weigh_more_than_the_frame(phones: 
     assert (shown.share.sum(1) > 0).all()
 
 
-def test_diphthongs_are_two_targets() -> None:
-    for symbol in DIPHTHONGS:
-        assert segments([Phone(symbol, 1.0, 1.2)]) == [
-            Segment(f"{symbol}.0", 1.0, 1.1),
-            Segment(f"{symbol}.1", 1.1, 1.2),
-        ]
-    assert segments([Phone("AA", 0, 1)]) == [Segment("AA", 0, 1)]
+def test_every_phone_is_two_halves_each_beside_its_neighbours_viseme() -> None:
+    spoken = [Phone("B", 0, 0.1), Phone("AE", 0.1, 0.3), Phone("Z", 0.3, 0.34)]
+    assert segments(spoken) == [
+        Segment("B.0|SIL", 0, 0.05),
+        Segment("B.1|AE", 0.05, 0.1),
+        Segment("AE.0|P", 0.1, pytest.approx(0.2)),
+        Segment("AE.1|S", pytest.approx(0.2), 0.3),
+        Segment("Z.0|AE", 0.3, pytest.approx(0.32)),
+        Segment("Z.1|SIL", pytest.approx(0.32), 0.34),
+    ]
+
+
+def test_phones_that_look_alike_are_the_same_neighbour() -> None:
+    def halves(before: str, after: str) -> list[str]:
+        spoken = [Phone(before, 0, 0.1), Phone("IY", 0.1, 0.2), Phone(after, 0.2, 0.3)]
+        return [segment.state for segment in segments(spoken)][2:4]
+
+    for before, after in itertools.product(PHONES, PHONES):
+        alike = next(each for each in VISEMES if before in each)[0], next(each for each in VISEMES if after in each)[0]
+        if SILENCE not in (before, after):
+            assert halves(before, after) == halves(*alike)
+    assert halves("M", "NG") == ["IY.0|P", "IY.1|K"]
+
+
+def test_the_first_half_does_not_know_what_follows_nor_the_second_what_was_before() -> None:
+    times = [(0, 0.1), (0.1, 0.2), (0.2, 0.3)]
+    first = [segments([Phone(s, *t) for s, t in zip(("M", "AA", x), times, strict=True)])[2] for x in ("S", "UW", "L")]
+    second = [segments([Phone(s, *t) for s, t in zip((x, "AA", "M"), times, strict=True)])[3] for x in ("S", "UW", "L")]
+    assert len(set(first)) == len(set(second)) == 1
+
+
+@given(phone_sequences())
+@settings(max_examples=60, deadline=None)
+def test_parents_and_plain_names_of_whatever_is_said(phones: list[Phone]) -> None:
+    symbols = {phone.symbol for phone in phones}
+    for segment in segments(phones):
+        state, family, phone = segment.state, parent(segment.state), plain(segment.state)
+        assert state in (family, f"{family}{NEIGHBOUR}{state.rpartition(NEIGHBOUR)[2]}")
+        assert parent(family) == family
+        assert plain(family) == plain(phone) == phone
+        assert viseme(state) == viseme(family) == viseme(phone)
+        if state.startswith(SILENCE):
+            assert phone == family
+        else:
+            assert family in (f"{phone}.0", f"{phone}.1")
+            assert phone in symbols
+
+
+def test_parents_and_plain_names() -> None:
+    for state, family, phone in (
+        ("AE.0|P", "AE.0", "AE"), ("AE.1", "AE.1", "AE"), ("SIL.after2|AA", "SIL.after2", "SIL.after2"),
+        ("SIL", "SIL", "SIL"),
+    ):  # fmt: skip
+        assert (parent(state), plain(state)) == (family, phone)
 
 
 def silences(seconds: float, before: bool, after: bool) -> list[str]:
     phones = [Phone("M", -1, 0)] * before + [Phone(SILENCE, 0, seconds)] + [Phone("M", seconds, seconds + 1)] * after
-    return [segment.state for segment in segments(phones) if segment.state != "M"]
+    return [parent(segment.state) for segment in segments(phones) if segment.state.startswith(SILENCE)]
 
 
 def test_silence_is_split_by_its_distance_to_speech() -> None:
@@ -112,6 +161,15 @@ def test_silence_is_split_by_its_distance_to_speech() -> None:
     assert silences(0.12, before=True, after=False) == ["SIL.after0", "SIL.after1", "SIL"]
 
 
+def test_silence_near_speech_knows_what_is_said_there() -> None:
+    spoken = [Phone("B", 0, 1), Phone(SILENCE, 1, 1.25), Phone("OY", 1.25, 2)]
+    names = [segment.state for segment in segments(spoken)]
+    assert names == [
+        "B.0|SIL", "B.1|SIL", "SIL.after0|P", "SIL.after1|P", "SIL", "SIL.before1|OW", "SIL.before0|OW", "OY.0|SIL",
+        "OY.1|SIL",
+    ]  # fmt: skip
+
+
 def test_silences_in_a_row_are_one() -> None:
     # Else the mouth would open between them, as it does next to speech.
     speech, parts = Phone("M", 0, 1), [Phone(SILENCE, 1, 1.06), Phone(SILENCE, 1.06, 1.3), Phone(SILENCE, 1.3, 2)]
@@ -122,7 +180,7 @@ def test_silences_in_a_row_are_one() -> None:
 def test_the_steps_of_silence_lie_at_their_distance() -> None:
     split = segments([Phone("M", 0, 1), Phone(SILENCE, 1, 2), Phone("M", 2, 3)])
     for segment in split:
-        state, number = segment.state[:-1], segment.state[-1:]
+        state, number = parent(segment.state)[:-1], parent(segment.state)[-1:]
         if state == "SIL.after":
             assert segment.start == pytest.approx(1 + int(number) * SILENCE_STEP)
         elif state == "SIL.before":

@@ -178,25 +178,57 @@ def test_two_and_a_half_frames_close_marys_lips_between_open_vowels(mary: Avatar
     assert gap(rows[-1]) == pytest.approx(closed, abs=0.5)
 
 
-@pytest.mark.parametrize("phone", sorted(set(PHONES) - {SILENCE}))
+SPEECH = sorted(set(PHONES) - {SILENCE})
+ALL_STATES = [
+    *(f"{phone}{half}" for phone in SPEECH for half in ("", ".0", ".1", ".0|P", ".1|AA", ".0|SIL")),
+    *(f"SIL.{side}{step}{beside}" for side in ("after", "before") for step in range(4) for beside in ("", "|P")),
+    SILENCE,
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("phone", SPEECH)
 def test_an_untrained_phone_is_never_silent(phone: str) -> None:
-    trained = ("AA", "M", SILENCE)
-    for state in (phone, f"{phone}.0", f"{phone}.1"):
-        assert nearest_state(state, trained) in ("AA", "M")
+    for trained in (
+        ("AA", "M", SILENCE),
+        ("AA.0", "M.1|P", SILENCE, "SIL.after0"),
+        ("K.0|SIL", "SIL.before0|K", SILENCE),
+    ):
+        for state in (phone, f"{phone}.0", f"{phone}.1", f"{phone}.0|P", f"{phone}.1|SIL"):
+            assert nearest_state(state, trained) in set(trained) - {SILENCE, "SIL.after0", "SIL.before0|K"}
+
+
+@given(st.sampled_from(ALL_STATES), st.sets(st.sampled_from(ALL_STATES)))
+@settings(max_examples=300, deadline=None)
+def test_what_stands_in_is_trained_and_as_near_as_it_can_be(state: str, others: set[str]) -> None:
+    trained = {*others, SILENCE, "L.0"}
+    found = nearest_state(state, trained)
+    assert found in trained
+    assert found.startswith(SILENCE) == state.startswith(SILENCE)
+    whole = state.partition("|")[0]
+    if state in trained:
+        assert found == state
+    elif whole in trained:
+        assert found == whole
+    elif state.startswith(SILENCE):
+        assert found == SILENCE
+    elif {whole.partition(".")[0] + half for half in ("", ".0", ".1")} & trained:
+        assert found.partition(".")[0] == whole.partition(".")[0]
 
 
 def test_untrained_phones_look_like_their_nearest() -> None:
-    trained = ("AA", "AY.0", "AY.1", "M", "S", "UW", SILENCE, "SIL.after0")
+    trained = ("AA", "AY.0", "AY.1", "M", "S.0", "S.1", "S.1|P", "UW", SILENCE, "SIL.after0", "SIL.after0|P")
     for state, found in {
-        "P": "M", "B": "M", "Z": "S", "W": "UW", "AO": "AA", "AW.0": "AA", "AY.1": "AY.1", "S": "S",
-        "SIL.after0": "SIL.after0", "SIL.before2": SILENCE,
+        "P": "M", "B.0|AA": "M", "Z.1|T": "S.1", "W.0": "UW", "AO": "AA", "AW.0|SIL": "AA", "AY.1|K": "AY.1",
+        "S.0|L": "S.0",
+        "S.1|P": "S.1|P", "S.1|L": "S.1", "SIL.after0|AA": "SIL.after0", "SIL.after0|P": "SIL.after0|P",
+        "SIL.before2|AA": SILENCE,
     }.items():  # fmt: skip
         assert nearest_state(state, trained) == found, state
 
 
-def test_a_half_diphthong_stands_in_for_a_whole_vowel() -> None:
-    assert nearest_state("OW.1", ("OW.0", SILENCE)) == "OW.0"
-    assert nearest_state("AO", ("OW.0", "OW.1", SILENCE)) == "OW.0"
+def test_the_other_half_stands_in_before_another_phone_does() -> None:
+    assert nearest_state("OW.1|P", ("OW.0", "AO.1", SILENCE)) == "OW.0"
+    assert nearest_state("AO.1", ("OW.0", "OW.1", SILENCE)) == "OW.1"
 
 
 def test_rest_is_the_mouth_of_long_silence() -> None:
