@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from app.engine.background import Background, Planes, chroma_map
 from app.engine.modes import MESH_STEP, Modes, split_texture
-from app.engine.simplex import least_squares_on_simplex
+from app.engine.simplex import exact_on_simplex
 from app.engine.warp import forward_warp, pixel_grid, sample
 
 Float = NDArray[np.float32]
@@ -87,30 +87,33 @@ class Conversion:
 
     def __init__(self, model: MorphableModel, modes: Modes) -> None:
         self._modes = modes
-        self._gain = alpha_gain(model.flows[:, ::MESH_STEP, ::MESH_STEP])
-        textures = common_textures(model).astype(np.float64) - modes.texture_mean
-        energy = (modes.texture_modes.astype(np.float64) ** 2).sum(1)
-        self._axes = textures @ modes.texture_modes.T / energy  # (N, KT), the prototypes' own coefficients
-        self._energy = energy
+        learnt = (modes.flow_modes != 0).any((0, 3))  # elsewhere the modes say nothing of the flow
+        self._gain = alpha_gain(model.flows[:, ::MESH_STEP, ::MESH_STEP] * learnt[..., None])
+        textures = (common_textures(model) - modes.texture_mean).astype(np.float64)
+        axes = modes.texture_modes.astype(np.float64)
+        used = (modes.texture_modes != 0).any(0)
+        self._axes = np.linalg.solve(axes[:, used] @ axes[:, used].T, axes[:, used] @ textures[:, used].T).T
+        self._gram = self._axes @ self._axes.T
 
     def __call__(self, coefficients: Float) -> tuple[Float, Float]:
-        """(alpha (N,), beta (N,)) of one mouth (K,)."""
-        alpha = self._gain @ self._modes.flow(coefficients).reshape(-1)
-        weighted = self._axes * self._energy
-        target = coefficients[None, self._modes.flow_count :].astype(np.float64)
-        beta = least_squares_on_simplex(weighted @ self._axes.T, target @ weighted.T, iterations=150)[0]
-        return alpha.astype(np.float32), beta.astype(np.float32)
+        """(alpha (N,), beta (N,)) of one mouth (K,).
+
+        Distances of textures are those of their mode coefficients: modes are orthonormal where errors count.
+        """
+        alpha = self._gain @ (self._modes.flow(coefficients)).reshape(-1)
+        target = np.asarray(self._axes @ coefficients[self._modes.flow_count :], np.float64)
+        return alpha.astype(np.float32), exact_on_simplex(self._gram, target).astype(np.float32)
 
 
 def alpha_gain(flows: Float) -> NDArray[np.float64]:
-    """(N, F) matrix that takes a flattened flow to the alpha fitting it, with a ridge of 1e-3 trace / N.
+    """(N, F) matrix that takes a flattened flow to the alpha fitting it, with a ridge of 1e-4 trace / N.
 
     Args:
         flows: (N, h, w, 2) of the prototypes; the reference's is zero and gets alpha 0.
     """
     flat = flows.reshape(len(flows), -1).astype(np.float64)
     gram = flat @ flat.T
-    return np.linalg.solve(gram + 1e-3 * np.trace(gram) / len(flat) * np.eye(len(flat)), flat)
+    return np.linalg.solve(gram + 1e-4 * np.trace(gram) / len(flat) * np.eye(len(flat)), flat)
 
 
 def common_textures(model: MorphableModel) -> Float:

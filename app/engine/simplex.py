@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import nnls
 
 Array = NDArray[np.float64]
+
+SUM_WEIGHT = 1e4
+"""Of the equation sum beta = 1 in `exact_on_simplex`, against equations of size one."""
 
 
 def project_to_simplex(points: Array) -> Array:
@@ -40,3 +44,25 @@ def least_squares_on_simplex(gram: Array, linear: Array, *, iterations: int = 40
         ahead = moved + (momentum - 1) / following * (moved - weights)
         weights, momentum = moved, following
     return weights
+
+
+def exact_on_simplex(gram: Array, linear: Array) -> Array:
+    """The minimum that `least_squares_on_simplex` goes towards, for one row (N,), by an active set.
+
+    Descent is slow where prototypes look alike; this takes about a millisecond for 46 of them. The sum is held by an
+    equation that weighs far more than all others.
+
+    Args:
+        gram: (N, N) symmetric.
+        linear: (N,).
+
+    Returns:
+        (N,) weights.
+    """
+    scale = max(float(np.trace(gram)) / len(gram), 1e-12)
+    factor = np.linalg.cholesky(gram / scale + 1e-9 * np.eye(len(gram)))
+    target = np.linalg.solve(factor, linear / scale)
+    equations = np.vstack([factor.T, np.full(len(gram), SUM_WEIGHT)])
+    weights, _ = nnls(equations, np.append(target, SUM_WEIGHT))
+    found: Array = project_to_simplex(weights[None])[0]
+    return found

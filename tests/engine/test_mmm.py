@@ -71,7 +71,7 @@ def test_pulling_reads_the_image_where_the_flow_points() -> None:
 def test_alpha_is_ridge_regression_on_the_flows(model: MorphableModel) -> None:
     flat = model.flows.reshape(3, -1).astype(np.float64)
     target = 0.3 * flat[0] + 0.6 * flat[2]
-    ridge = 1e-3 * (flat**2).sum() / 3
+    ridge = 1e-4 * (flat**2).sum() / 3
     stacked = np.concatenate([flat.T, np.sqrt(ridge) * np.eye(3)])
     expected = np.linalg.lstsq(stacked, np.concatenate([target, np.zeros(3)]), rcond=None)[0]
     alpha = alpha_gain(model.flows) @ target
@@ -83,7 +83,7 @@ def test_alpha_is_ridge_regression_on_the_flows(model: MorphableModel) -> None:
 def test_common_textures_are_the_images_on_the_references_grid(model: MorphableModel) -> None:
     common = common_textures(model)
     assert common.shape == model.images.shape
-    np.testing.assert_allclose(common[1], model.images[1], atol=1e-3)
+    np.testing.assert_allclose(common[1], model.images[1], atol=1e-4)
 
 
 def exact_modes(model: MorphableModel, modes: Modes) -> Modes:
@@ -147,7 +147,7 @@ def test_the_serving_form_shows_what_the_reference_shows(mary: Avatar, literal_m
         literal_mary.render(spoken[row], STILL, literal)
         alike = psnr(box.luma(fast), box.luma(literal))
         assert alike > 34, row  # 35.4 at the widest, 40 in the mean
-        assert alike > psnr(box.luma(pictures[-1]), box.luma(literal)) + 6, "than a mouth at rest is"
+        assert alike > psnr(box.luma(pictures[-1]), box.luma(literal)) + 3, "than a mouth at rest is"
 
 
 def test_the_references_rest_is_the_loop_to_the_pixel_too(literal_mary: Avatar) -> None:

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
-from app.engine.simplex import least_squares_on_simplex, project_to_simplex
+from app.engine.simplex import exact_on_simplex, least_squares_on_simplex, project_to_simplex
 
 
 @given(st.integers(1, 12), st.integers(0, 2**32 - 1), st.floats(0.01, 100))
@@ -67,3 +67,25 @@ def test_a_target_inside_is_met_and_one_at_a_corner_has_one_weight() -> None:
 
 def test_prototypes_without_any_difference_share_the_weight() -> None:
     np.testing.assert_allclose(least_squares_on_simplex(np.zeros((4, 4)), np.zeros((2, 4))), 0.25)
+
+
+def test_the_exact_minimum_is_what_descent_goes_towards() -> None:
+    random = np.random.default_rng(4)
+    prototypes = random.standard_normal((6, 40))
+    gram = prototypes @ prototypes.T
+    for target in random.standard_normal((5, 40)):
+        linear = prototypes @ target
+        exact = exact_on_simplex(gram, linear)
+        assert exact.min() >= 0
+        assert exact.sum() == pytest.approx(1)
+        descended = least_squares_on_simplex(gram, linear[None], iterations=4000)[0]
+        assert exact == pytest.approx(descended, abs=1e-5)
+
+
+def test_the_exact_minimum_finds_a_blend_again() -> None:
+    prototypes = np.random.default_rng(5).uniform(0, 255, (46, 500))
+    blend = np.zeros(46)
+    blend[[3, 20]] = 0.3, 0.7
+    assert exact_on_simplex(prototypes @ prototypes.T, prototypes @ (blend @ prototypes)) == pytest.approx(
+        blend, abs=1e-4
+    )

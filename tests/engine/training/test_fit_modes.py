@@ -1,79 +1,207 @@
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from app.engine.mmm import pull
-from app.engine.modes import MESH_STEP, Modes, densify, draw_crop
-from app.engine.training.fit_modes import area_ratio, fit_modes, frame_planes, skin_layer
-from app.engine.training.recording import Recording
-from app.engine.training.train import Trained, learn
+from app.engine.modes import MESH_STEP, Modes, densify, draw_crop, split_texture
+from app.engine.training.appearance import Appearance
+from app.engine.training.corpus import Corpus
+from app.engine.training.fit_modes import (
+    NOTHING,
+    Analysis,
+    Weights,
+    area_ratio,
+    fit_flow,
+    fit_texture,
+    frame_planes,
+    pulled_texture,
+    skin_layer,
+)
+from app.engine.training.layout import importance
 from app.engine.warp import pixel_grid
 
 Float = NDArray[np.float32]
+WIDTH, HEIGHT = 24, 16
+PIXELS = WIDTH * HEIGHT * 3 // 2
 
 
-@pytest.fixture(scope="module")
-def trained(recording: Recording) -> Trained:
-    return learn(recording)
+def soft(width: int = WIDTH, height: int = HEIGHT) -> Float:
+    """An importance that is nothing at the edge, and 1 in the middle."""
+    x, y = np.arange(width), np.arange(height)
+    across = np.clip(np.minimum(x, width - 1 - x) / 6 - 0.3, 0, 1)
+    down = np.clip(np.minimum(y, height - 1 - y) / 4 - 0.3, 0, 1)
+    return np.outer(down, across).astype(np.float32)
 
 
-def test_frames_are_split_into_float_planes(recording: Recording) -> None:
-    planes = frame_planes(recording.frames[0], 64, 48)
-    assert [plane.shape for plane in planes.each()] == [(48, 64), (24, 32), (24, 32)]
-    assert planes.luma.dtype == np.float32
-    assert planes.luma[3, 5] == recording.frames[0][3 * 64 + 5]
-    assert planes.red[2, 1] == recording.frames[0][64 * 48 + 32 * 24 + 2 * 32 + 1]
+def in_blocks(data: Float, size: int = 7) -> Callable[[], Iterator[Float]]:
+    def each() -> Iterator[Float]:
+        for start in range(0, len(data), size):
+            yield data[start : start + size]
+
+    return each
 
 
-def test_every_recorded_frame_is_drawn_again_from_its_coefficients(recording: Recording, trained: Trained) -> None:
-    ratios = []
-    for flat, coefficients in zip(recording.frames, trained.coefficients, strict=True):
-        drawn, shown = draw_crop(trained.modes, coefficients), frame_planes(flat, 64, 48)
-        error = ((drawn.luma - shown.luma)[4:-4, 4:-4] ** 2).mean()
-        ratios.append(10 * np.log10(255**2 / error))
-    still = frame_planes(recording.frames[0], 64, 48).luma
-    without = [
-        10 * np.log10(255**2 / max(1e-9, ((frame_planes(f, 64, 48).luma - still) ** 2).mean()))
-        for f in recording.frames
-    ]
-    assert np.mean(ratios) > 30
-    assert min(ratios) > 26
-    assert min(ratios) > min(without) + 6
+def low_rank(shape: tuple[int, ...], count: int, seed: int = 0) -> Float:
+    """So many samples of few strong directions and a little noise."""
+    random = np.random.default_rng(seed)
+    size = int(np.prod(shape))
+    strong = random.standard_normal((count, 4)) * (20, 12, 7, 4) @ random.standard_normal((4, size))
+    return (100 + strong + 0.1 * random.standard_normal((count, size))).reshape(count, *shape).astype(np.float32)
 
 
-def test_coefficients_are_decorrelated_and_modes_orthonormal(trained: Trained) -> None:
-    modes, count = trained.modes, trained.modes.flow_count
-    for axes, part in (
-        (modes.flow_modes.reshape(count, -1), trained.coefficients[:, :count]),
-        (modes.texture_modes, trained.coefficients[:, count:]),
+def weighted_svd(data: Float, weight: Float, count: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Mean and the modes that leave the least weighted error, by a dense decomposition."""
+    flat = data.reshape(len(data), -1).astype(np.float64)
+    mean, used = flat.mean(0), weight.ravel() > 0
+    root = np.sqrt(weight.ravel()[used])
+    _, _, axes = np.linalg.svd((flat - mean)[:, used] * root, full_matrices=False)
+    modes = np.zeros((count, flat.shape[1]))
+    modes[:, used] = axes[:count] / root
+    return mean, modes
+
+
+def test_weights_are_the_importance_of_vertices_and_of_all_three_planes() -> None:
+    weights = Weights.of(soft())
+    assert weights.flow.shape == (HEIGHT // MESH_STEP, WIDTH // MESH_STEP, 1)
+    assert weights.texture.shape == (PIXELS,)
+    planes = split_texture(weights.texture, WIDTH, HEIGHT)
+    mean = soft().reshape(HEIGHT // 2, 2, WIDTH // 2, 2).mean((1, 3))
+    kept = soft() >= NOTHING
+    np.testing.assert_allclose(planes.luma, np.where(kept, soft(), 0))
+    np.testing.assert_allclose(planes.blue, np.where(mean >= NOTHING, mean, 0), atol=1e-6)
+    np.testing.assert_array_equal(planes.red, planes.blue)
+    np.testing.assert_allclose(weights.flow[..., 0], np.where(kept, soft(), 0)[::MESH_STEP, ::MESH_STEP])
+    assert (weights.texture[weights.texture > 0] >= NOTHING).all()
+
+
+def test_texture_modes_are_those_of_a_dense_weighted_decomposition() -> None:
+    weights, data = Weights.of(soft()), low_rank((PIXELS,), 60)
+    mean, modes = fit_texture(in_blocks(data), weights, count=4, seed=1)
+    expected_mean, expected = weighted_svd(data, weights.texture, 4)
+    np.testing.assert_allclose(mean, expected_mean, rtol=1e-5)
+    for found, wanted in zip(modes, expected, strict=True):
+        sign = np.sign((found * wanted * weights.texture).sum())
+        np.testing.assert_allclose(found * sign, wanted, atol=2e-3 * np.abs(wanted).max())
+    assert not modes[:, weights.texture == 0].any()
+    assert mean[weights.texture == 0].all(), "what does not count still has a mean to be drawn"
+
+
+def test_flow_modes_are_those_of_a_dense_weighted_decomposition() -> None:
+    weights = Weights.of(soft())
+    mesh = (*weights.flow.shape[:2], 2)
+    data = low_rank(mesh, 50, seed=3)
+    mean, modes = fit_flow(in_blocks(data), weights, count=3)
+    assert (mean.shape, modes.shape) == (mesh, (3, *mesh))
+    expected_mean, expected = weighted_svd(data, np.broadcast_to(weights.flow, mesh), 3)
+    np.testing.assert_allclose(mean.ravel(), expected_mean, rtol=1e-5)
+    projector = modes.reshape(3, -1)
+    for found, wanted in zip(projector, expected, strict=True):
+        np.testing.assert_allclose(np.abs(found), np.abs(wanted), atol=2e-3 * np.abs(wanted).max())
+    assert not modes[:, weights.flow[..., 0] == 0].any()
+
+
+def test_errors_that_count_more_are_smaller() -> None:
+    # Two directions, the louder one where nothing is important: one mode must be the other.
+    important = soft(WIDTH, HEIGHT) * 0.05 + NOTHING
+    important[:, 12:] = 1
+    weights = Weights.of(important)
+    random = np.random.default_rng(0)
+    left = split_texture(np.zeros(PIXELS, np.float32), WIDTH, HEIGHT)
+    left.luma[:, :12] = 1
+    right = split_texture(np.zeros(PIXELS, np.float32), WIDTH, HEIGHT)
+    right.luma[:, 12:] = 1
+    flat_left, flat_right = (np.concatenate([plane.ravel() for plane in each.each()]) for each in (left, right))
+    data = random.standard_normal((40, 1)) * 3 * flat_left + random.standard_normal((40, 1)) * flat_right
+    _, modes = fit_texture(in_blocks(data.astype(np.float32)), weights, count=1)
+    shares = [np.abs(modes[0] @ each) / each.sum() for each in (flat_left, flat_right)]
+    assert shares[1] > 5 * shares[0]
+
+
+def test_modes_are_orthonormal_where_and_as_much_as_errors_count(corpus: Corpus, appearance: Appearance) -> None:
+    modes = appearance.modes
+    weights = Weights.of(importance(corpus.crop, corpus.layout.side))
+    assert (modes.flow_count, modes.count) == (12, 46)
+    for axes, weight in (
+        (modes.flow_modes.reshape(modes.flow_count, -1), np.repeat(weights.flow.ravel(), 2)),
+        (modes.texture_modes, weights.texture),
     ):
-        np.testing.assert_allclose(axes @ axes.T, np.eye(len(axes)), atol=1e-3)
-        covariance = np.cov(part.T, bias=True)
-        spread = np.sqrt(np.diag(covariance))
-        assert np.abs(covariance / np.outer(spread, spread) - np.eye(len(axes))).max() < 0.05
-        assert (np.diff(spread) <= 1e-3 * spread[:-1]).all()
+        np.testing.assert_allclose((axes * weight) @ axes.T, np.eye(len(axes)), atol=2e-3)
+        assert not axes[:, weight == 0].any()
 
 
-def test_textures_are_projections_of_the_pulled_frames(recording: Recording, trained: Trained) -> None:
-    modes, frame = trained.modes, 20
-    coefficients = trained.coefficients[frame]
-    flat = pull(frame_planes(recording.frames[frame], 64, 48), densify(modes.flow(coefficients), 64, 48))
-    expected = modes.texture_modes @ (flat - modes.texture_mean)
-    np.testing.assert_allclose(coefficients[modes.flow_count :], expected, atol=0.5)  # textures are held in half floats
+def bumps(seed: int, count: int) -> Modes:
+    """Modes as training makes them, of smooth flows and smooth textures."""
+    random = np.random.default_rng(seed)
+    weights = Weights.of(soft(64, 48))
+    y, x = np.mgrid[:48, :64] / 10.0
+    waves = np.stack([np.cos(x * a + b) * np.cos(y * c + d) for a, b, c, d in random.uniform(0.2, 1.2, (40, 4))])
+    fade = soft(64, 48)[::MESH_STEP, ::MESH_STEP, None]
+    flows = random.standard_normal((60, 4)) @ waves[:8, ::MESH_STEP, ::MESH_STEP].reshape(4, -1)
+    flows = (0.3 * flows.reshape(60, 24, 32, 2) * fade).astype(np.float32)
+    halves = waves[:, ::2, ::2].reshape(40, -1)
+    planes = np.concatenate([waves.reshape(40, -1), halves, halves[::-1]], 1)
+    textures = (120 + 12 * random.standard_normal((60, count)) @ planes[:count]).astype(np.float32)
+    flow_mean, flow_modes = fit_flow(in_blocks(flows), weights, count=3)
+    mean, texture_modes = fit_texture(in_blocks(textures), weights, count=count)
+    layer = np.ones((24, 32), np.float32)
+    return Modes(64, 48, flow_mean, flow_modes, mean, texture_modes, layer, np.zeros_like(mean))
 
 
-def test_as_many_modes_are_made_as_are_asked_for(recording: Recording) -> None:
-    flows = np.random.default_rng(0).standard_normal((88, 48, 64, 2)).astype(np.float16)
-    modes, coefficients = fit_modes(
-        recording.frames, flows, 64, 48, rest=np.arange(5), flow_count=3, texture_count=4, seed=1
-    )
-    assert isinstance(modes, Modes)
-    assert modes.flow_modes.shape == (3, 24, 32, 2)
-    assert modes.texture_modes.shape == (4, 64 * 48 * 3 // 2)
-    assert coefficients.shape == (88, 7)
-    assert not modes.detail.any()
+def test_analysis_finds_the_coefficients_that_a_frame_was_drawn_with() -> None:
+    modes = bumps(1, 5)
+    weights = Weights.of(soft(64, 48))
+    analysis = Analysis(modes, weights)
+    random = np.random.default_rng(2)
+    for _ in range(5):
+        wanted = np.concatenate([random.normal(0, 4, 3), random.normal(0, 150, 5)]).astype(np.float32)
+        drawn = draw_crop(modes, wanted)
+        flat = np.concatenate([np.clip(np.rint(plane), 0, 255).astype(np.uint8).ravel() for plane in drawn.each()])
+        found = analysis(flat, modes.flow(wanted))
+        np.testing.assert_allclose(found[:3], wanted[:3], atol=1e-2)
+        np.testing.assert_allclose(found[3:], wanted[3:], atol=12)  # frames are rounded, and interpolated twice
+    exact = modes.texture(wanted, detail=False)
+    flat = np.concatenate([plane.ravel() for plane in exact.each()])
+    np.testing.assert_allclose(analysis.texture(flat), wanted[3:], atol=0.05)
+
+
+def test_analysis_solves_the_weighted_least_squares() -> None:
+    modes, weights = bumps(3, 4), Weights.of(soft(64, 48))
+    texture = (100 + 30 * np.random.default_rng(0).standard_normal(len(weights.texture))).astype(np.float32)
+    root = np.sqrt(weights.texture.astype(np.float64))
+    expected = np.linalg.lstsq(
+        (modes.texture_modes * root).T, (texture - modes.texture_mean) * root, rcond=None
+    )[0]  # fmt: skip
+    np.testing.assert_allclose(Analysis(modes, weights).texture(texture), expected, atol=0.05)
+
+
+def test_what_lies_outside_the_mask_is_never_looked_at(corpus: Corpus, appearance: Appearance) -> None:
+    weights = Weights.of(importance(corpus.crop, corpus.layout.side))
+    analysis = Analysis(appearance.modes, weights)
+    texture = corpus.frames.read(60, 61)[0].astype(np.float32)
+    poisoned = np.where(weights.texture == 0, 1e6, texture).astype(np.float32)
+    np.testing.assert_array_equal(analysis.texture(texture), analysis.texture(poisoned))
+    vertices = appearance.modes.flow(appearance.coefficients[60])
+    wild = np.where(weights.flow == 0, 1e6, vertices).astype(np.float32)
+    np.testing.assert_array_equal(analysis.flow(vertices), analysis.flow(wild))
+
+
+def test_frames_are_split_into_float_planes(corpus: Corpus) -> None:
+    flat = corpus.frames.read(7, 8)[0]
+    planes = frame_planes(flat, 64, 56)
+    assert [plane.shape for plane in planes.each()] == [(56, 64), (28, 32), (28, 32)]
+    assert planes.luma.dtype == np.float32
+    assert planes.luma[3, 5] == flat[3 * 64 + 5]
+    assert planes.red[2, 1] == flat[64 * 56 + 32 * 28 + 2 * 32 + 1]
+
+
+def test_textures_are_seen_through_the_flow_of_the_coefficients(corpus: Corpus, appearance: Appearance) -> None:
+    modes, flat, coefficients = appearance.modes, corpus.frames.read(90, 91)[0], appearance.coefficients[90]
+    expected = pull(frame_planes(flat, 64, 56), densify(modes.flow(coefficients), 64, 56))
+    np.testing.assert_allclose(pulled_texture(modes, flat, coefficients[: modes.flow_count]), expected, atol=1e-2)
 
 
 @pytest.mark.parametrize(
@@ -94,7 +222,7 @@ def test_the_area_of_a_cell_is_the_determinant_of_the_map(
     np.testing.assert_allclose(area_ratio(flow.astype(np.float32)), ratio, atol=1e-4)
 
 
-def test_what_is_squashed_at_rest_is_behind(trained: Trained) -> None:
+def test_what_is_squashed_at_rest_is_behind(appearance: Appearance) -> None:
     flow = np.zeros((20, 30, 2), np.float32)
     flow[8:12, 10:20, 1] = -np.arange(4)[:, None] * MESH_STEP  # four rows that fall together
     flow[12:, 10:20, 1] = -4 * MESH_STEP
@@ -105,6 +233,5 @@ def test_what_is_squashed_at_rest_is_behind(trained: Trained) -> None:
     assert (layer[15:] == 1).all()
     assert (layer[:, :8] == 1).all()
     # The drawn mouth is hidden in its middle and nowhere at the edge.
-    middle = trained.modes.layer[8:16, 12:20]
-    assert (middle == 0).any()
-    assert (trained.modes.layer[[0, -1]] == 1).all()
+    assert (appearance.modes.layer[10:18, 12:20] == 0).any()
+    assert (appearance.modes.layer[[0, -1]] == 1).all()
