@@ -71,6 +71,8 @@ class Manifest(BaseModel):
     provenance: str
     consent: Consent
     files: dict[str, str]
+    trained_on: tuple[str, ...] = ()
+    """SHA-256 of the videos that were learnt from: what is measured on others is an open test."""
 
 
 @dataclass(frozen=True)
@@ -117,7 +119,7 @@ def check_files(folder: Path) -> Manifest:
         path = folder / name
         if path.is_symlink() or not path.is_file():
             raise BadPack(f"{path} is missing or no plain file", advice="Restore the pack from where it came.")
-        if _digest(path) != expected:
+        if digest(path) != expected:
             raise BadPack(f"{path} is damaged: its checksum differs", advice="Restore the pack from where it came.")
     return manifest
 
@@ -172,17 +174,19 @@ def save_model(
 
 def checksums(folder: Path) -> dict[str, str]:
     """SHA-256 of every file of a pack, for its manifest."""
-    return {name: _digest(folder / name) for name in FILES}
+    return {name: digest(folder / name) for name in FILES}
 
 
 def write_manifest(folder: Path, manifest: Manifest) -> None:
     """Write `manifest.json`, last of all: a folder without one is no pack."""
-    text = json.dumps(manifest.model_dump(), indent=2, ensure_ascii=False)
+    text = json.dumps(manifest.model_dump(mode="json"), indent=2, ensure_ascii=False)
     (folder / MANIFEST).write_text(text + "\n", encoding="utf-8")
 
 
-def _digest(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()
+def digest(path: Path) -> str:
+    """SHA-256 of a file."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _arrays(path: Path) -> dict[str, NDArray[Any]]:

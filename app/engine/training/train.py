@@ -1,78 +1,65 @@
-"""From a recording to an avatar pack (Fu 2011, 3.1; the serving form after `app.engine.modes`)."""
+"""From takes to an avatar pack (Fu 2011, 3.1; the serving form after `app.engine.modes`)."""
 
 from __future__ import annotations
 
 import shutil
 import tempfile
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import cv2
-import numpy as np
-from numpy.typing import NDArray
-from pydantic import ValidationError
 
 from app.engine.frame import to_rgb
-from app.engine.mmm import MorphableModel
-from app.engine.modes import ModeMouth, Modes
+from app.engine.modes import ModeMouth
 from app.engine.pack import (
     FILES,
-    FORMAT,
+    FPS,
     IDLE,
     LOOP,
     MANIFEST,
     MODEL,
+    MOST_BYTES,
     PREVIEW,
     Manifest,
+    Pack,
     checksums,
+    digest,
+    load_pack,
     save_model,
     write_manifest,
 )  # fmt: skip
 from app.engine.threads import one_thread_a_call
-from app.engine.training.bake_loop import bake
-from app.engine.training.chained_flow import chained_flows
-from app.engine.training.em_pca import em_pca
-from app.engine.training.fit_modes import BLOCK, fit_modes, frame_planes
-from app.engine.training.fit_trajectory import Options, fit_trajectory
-from app.engine.training.prototypes import choose_prototypes, choose_reference
-from app.engine.training.recording import Recording, read, read_json
+from app.engine.training.appearance import Appearance, learn_appearance
+from app.engine.training.articulation import Articulation, learn_articulation, spoken_passages
+from app.engine.training.background_loop import LoopPicture, bake_loop, crop_warp, loop_pictures
+from app.engine.training.corpus import Corpus, Progress, gather, without
+from app.engine.training.footage import shots
+from app.engine.training.identity import Identity
+from app.engine.training.layout import Layout
+from app.engine.training.registration import UNCORRECTED
+from app.engine.training.stretches import LONGEST, Mixed, Stretch, choose_stretches, joined
+from app.engine.training.survey import survey
+from app.engine.training.take import Take
+from app.engine.training.workspace import Workspace
 from app.engine.training.write_clips import write_idle, write_loop
-from app.engine.trajectory import GaussianTrajectory
 from app.errors import TrainingFailed
-from app.speech import SILENCE
-
-Float = NDArray[np.float32]
-Progress = Callable[[str, float], None]
-"""Told the step's name and the share of it that is done."""
-
-PROTOTYPES = 46
-CLUSTER_SPACE = 20
-"""PCA coefficients in which frames are clustered and compared."""
+from app.speech import SILENCE, Phone
 
 
 @dataclass(frozen=True)
-class Trained:
-    """Everything that training learns from a recording.
+class Learnt:
+    """Everything that training learns from takes.
 
     Attributes:
-        modes: the serving form, without detail.
-        coefficients: (T, K) analysed mode coefficients of every frame; zero where nothing was learnt from it.
-        morphable: prototypes and flows.
-        trajectory: the trajectory model.
-        rest: (K,) the mouth at rest.
-        rest_frames: frame numbers that show it.
-        learnt: frame numbers of everything learnt from.
+        corpus: the takes made ready.
+        appearance: what the mouth looks like.
+        articulation: how it moves.
     """
 
-    modes: Modes
-    coefficients: Float
-    morphable: MorphableModel
-    trajectory: GaussianTrajectory
-    rest: Float
-    rest_frames: NDArray[np.int64]
-    learnt: NDArray[np.int64]
+    corpus: Corpus
+    appearance: Appearance
+    articulation: Articulation
 
 
 def silent_progress(step: str, share: float) -> None:
@@ -80,178 +67,195 @@ def silent_progress(step: str, share: float) -> None:
 
 
 def learn(
-    recording: Recording,
+    takes: Sequence[Take],
+    workspace: Workspace,
     *,
     leave_out: Collection[int] = (),
     seed: int = 0,
-    options: Options | None = None,
+    workers: int = 0,
     progress: Progress = silent_progress,
-) -> Trained:
-    """Learn a recording's model.
+) -> Learnt:
+    """Learn a talker.
 
     Args:
-        recording: what to learn from.
-        leave_out: sentences (by number) that nothing may be learnt from; their coefficients stay zero.
+        takes: what to learn from.
+        workspace: keeps finished steps.
+        leave_out: numbers of passages whose mouths nothing is learnt from: for open tests on one long take. (Where the
+            face is, is found on the whole take; clips to be left out are better not given at all.)
         seed: of everything random; the same seed gives the same model.
-        options: of the trajectory model.
+        workers: processes; 0 for one a core.
         progress: see `Progress`.
 
     Raises:
-        TrainingFailed: nothing is left to learn from, or the mouth never rests.
+        TrainingFailed: the takes cannot be learnt from; says why.
     """
     one_thread_a_call()  # threads would add up in another order, and the same seed would choose other prototypes
-    spans = [span for number, span in enumerate(recording.spans()) if number not in leave_out]
-    if not spans:
-        raise TrainingFailed("no sentence is left to learn from")
-    chosen = np.concatenate([np.array(span) for span in spans])
-    learnt = recording.frames[chosen]
-    width, height = recording.crop.width, recording.crop.height
-    size = width * height
-
-    def luma(frame: int) -> Float:
-        return frame_planes(learnt[frame], width, height).luma
-
-    def blocks() -> Iterator[Float]:
-        for start in range(0, len(learnt), BLOCK):
-            yield learnt[start : start + BLOCK, :size].astype(np.float32)
-
-    progress("components", 0)
-    components = em_pca(blocks, CLUSTER_SPACE, seed=seed)
-    space = components.project(blocks)
-    rest_frames = _rest_frames(recording)
-    at_rest = np.flatnonzero(np.isin(chosen, rest_frames))
-    if not len(at_rest):
-        raise TrainingFailed("the recording has no silence in which the mouth rests", advice="Record a second of it.")
-    prototypes = choose_prototypes(space, PROTOTYPES, seed=seed)
-    reference = choose_reference(space, prototypes, int(at_rest[0]))
-    flows = chained_flows(luma, space, reference, progress=lambda share: progress("flow", share))
-    morphable = MorphableModel(
-        width, height, learnt[prototypes].astype(np.float32), flows[prototypes].astype(np.float32),
-        prototypes.index(reference),
+    corpus = gather(takes, workspace, progress=progress, workers=workers)
+    unknown = [number for number in leave_out if not 0 <= number < len(corpus.passages)]
+    if unknown:
+        raise TrainingFailed(f"there is no sentence {unknown[0]}; the recording has {len(corpus.passages)}")
+    corpus = without(corpus, sorted(leave_out))
+    if not corpus.good.any():
+        raise TrainingFailed("nothing is left to learn from")
+    appearance = learn_appearance(corpus, workspace, seed=seed, progress=progress, workers=workers)
+    spoken = spoken_passages(corpus, appearance.coefficients, appearance.rest)
+    articulation = learn_articulation(
+        spoken, appearance.rest, seed=seed, progress=lambda share: progress("trajectories", share)
     )  # fmt: skip
-    progress("modes", 0)
-    modes, analysed = fit_modes(learnt, flows, width, height, rest=at_rest, seed=seed)
-    rest = analysed[at_rest].mean(0)
-    coefficients = np.zeros((len(recording.frames), modes.count), np.float32)
-    coefficients[chosen] = analysed
-    trajectory = fit_trajectory(
-        coefficients, recording.phones, spans, rest, fps=recording.fps, options=options or Options(seed=seed),
-        progress=lambda share: progress("trajectories", share),
-    )  # fmt: skip
-    return Trained(modes, coefficients, morphable, trajectory, rest, chosen[at_rest], chosen)
-
-
-REST_MARGIN = 0.16
-"""Seconds of silence that the mouth may need to come to rest, or to prepare for speech."""
-
-
-def _rest_frames(recording: Recording) -> NDArray[np.int64]:
-    """Frames far from speech: silence, but for a margin at the sides where speech is."""
-    times = np.arange(len(recording.frames)) / recording.fps
-    resting = np.zeros(len(times), bool)
-    last = len(recording.phones) - 1
-    for number, phone in enumerate(recording.phones):
-        if phone.symbol == SILENCE:
-            start = phone.start + (REST_MARGIN if number else -np.inf)
-            end = phone.end - (REST_MARGIN if number < last else -np.inf)
-            resting |= (times >= start) & (times <= end)
-    return np.flatnonzero(resting).astype(np.int64)
+    return Learnt(corpus, appearance, articulation)
 
 
 def train(
-    folder: Path,
+    takes: Sequence[Take],
+    identity: Identity,
     output: Path,
     *,
-    identity: Path | None = None,
+    background: Path | None = None,
     leave_out: Collection[int] = (),
     seed: int = 0,
+    workers: int = 0,
     progress: Progress = silent_progress,
+    extras: Callable[[Learnt, Pack, Path], None] = lambda *_: None,
 ) -> Manifest:
-    """Train the avatar of a recording and write its pack.
+    """Train an avatar and write its pack.
 
     Args:
-        folder: the recording.
-        identity: JSON with id, title, voice, licence, provenance, consent; by default `avatar.json` in the folder.
+        takes: what to learn from.
+        identity: who it is.
         output: the pack's folder; its files are replaced when everything is done, and untouched if anything fails.
-        leave_out: sentences (by number, from 0) that nothing may be learnt from: for open tests.
-        seed: of everything random.
+        background: a video of the same head moving, mouth at rest, whose last picture is followed by its first; without
+            one, the loop is joined from stretches of the takes.
+        leave_out, seed, workers: see `learn`.
         progress: see `Progress`.
+        extras: called with what was learnt, the finished pack and its folder: writes what belongs beside it.
 
     Raises:
-        TrainingFailed: the recording or its identity is incomplete or wrong.
+        TrainingFailed: the takes cannot be learnt from, or the output cannot be written.
     """
-    source = identity or folder / "avatar.json"
-    described = _identity(source)
-    progress("reading", 0)
-    recording = read(folder)
-    _manifest(described, source, recording, 1, {})  # what is wrong with the identity is said before the work
-    unknown = [number for number in leave_out if not 0 <= number < len(recording.sentences)]
-    if unknown:
-        raise TrainingFailed(f"there is no sentence {unknown[0]}; the recording has {len(recording.sentences)}")
-    trained = learn(recording, leave_out=leave_out, seed=seed, progress=progress)
-    recorded_rest = recording.frames[trained.rest_frames].mean(0, dtype=np.float64).astype(np.float32)
-    modes, background = bake(
-        recording,
-        recording.frames[trained.learnt],
-        trained.modes,
-        trained.rest,
-        recorded_rest,
-        ModeMouth,
-        lambda share: progress("background", share),
-    )
+    workspace = Workspace(workspace_of(output))
+    learnt = learn(
+        takes, workspace, leave_out=leave_out, seed=seed, workers=workers,
+        progress=progress,
+    )  # fmt: skip
+    corpus, appearance = learnt.corpus, learnt.appearance
+    loop = _given_loop(background, corpus.layout) if background else _joined_loop(corpus, appearance)
+    modes, baked = bake_loop(
+        loop.shown, loop.mixed, corpus.layout.reference, appearance.modes, appearance.rest, corpus.common, corpus.crop,
+        corpus.mask, ModeMouth, all_at_rest=background is not None,
+        progress=lambda share: progress("background", share),
+    )  # fmt: skip
     progress("writing", 0)
-    output.parent.mkdir(parents=True, exist_ok=True)
-    draft = Path(tempfile.mkdtemp(prefix=f".{output.name}-", dir=output.parent))
     try:
-        save_model(draft / MODEL, modes, trained.morphable, trained.trajectory, background)
-        write_loop(draft / LOOP, background.pictures, recording.fps)
-        write_idle(draft / IDLE, background.pictures[:-1], recording.fps)
-        if not cv2.imwrite(
-            str(draft / PREVIEW), to_rgb(background.pictures[0])[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 92]
-        ):
+        output.parent.mkdir(parents=True, exist_ok=True)
+        draft = Path(tempfile.mkdtemp(prefix=f".{output.name}-", dir=output.parent))
+    except OSError as error:
+        raise _unwritten(output, error) from error
+    try:
+        save_model(draft / MODEL, modes, appearance.morphable, learnt.articulation.model, baked)
+        write_loop(draft / LOOP, baked.pictures, FPS)
+        write_idle(draft / IDLE, baked.pictures[:-1], FPS)
+        preview = to_rgb(baked.pictures[0])[..., ::-1]
+        if not cv2.imwrite(str(draft / PREVIEW), preview, [cv2.IMWRITE_JPEG_QUALITY, 92]):
             raise TrainingFailed(f"{draft / PREVIEW} could not be written")
-        manifest = _manifest(described, source, recording, background.frames, checksums(draft))
+        width, height = corpus.layout.size
+        manifest = Manifest(
+            format=1, fps=FPS, width=width, height=height, loop_frames=baked.frames, files=checksums(draft),
+            trained_on=tuple(_digests(corpus)), **identity.model_dump(),
+        )  # fmt: skip
         write_manifest(draft, manifest)
+        extras(learnt, load_pack(draft), draft)
         _replace(draft, output)
+    except OSError as error:
+        raise _unwritten(output, error) from error
     finally:
         shutil.rmtree(draft, ignore_errors=True)
-    progress("writing", 1)
+    workspace.remove()
     return manifest
 
 
-def _identity(source: Path) -> dict[str, Any]:
-    if not source.exists():
-        raise TrainingFailed(
-            f"{source} is missing: an avatar needs a name, a voice, and the consent of the person shown",
-            advice="See docs/avatars.md for what to write into it.",
-        )
-    found = read_json(source)
-    if not isinstance(found, dict):
-        raise TrainingFailed(f"{source} must hold an object")
-    return found
+def _unwritten(output: Path, error: OSError) -> TrainingFailed:
+    return TrainingFailed(
+        f"{output} cannot be written: {error.strerror or error}",
+        advice="Make room on the disk and run the same command again: the finished steps are kept.",
+    )
 
 
-def _manifest(
-    described: dict[str, Any], source: Path, recording: Recording, loop_frames: int, files: dict[str, str]
-) -> Manifest:
-    width, height = recording.size
-    measured = {
-        "format": FORMAT,
-        "fps": recording.fps,
-        "width": width,
-        "height": height,
-        "loop_frames": loop_frames,
-        "files": files,
-    }
-    try:
-        return Manifest.model_validate(described | measured)
-    except ValidationError as error:
-        first = error.errors()[0]
-        raise TrainingFailed(f"{source}: {'.'.join(map(str, first['loc']))}: {first['msg']}") from error
+def workspace_of(output: Path) -> Path:
+    """Where the steps of training an avatar into `output` are kept until it is finished."""
+    return output.parent / f".{output.name}.training"
+
+
+SILENT = 3600.0
+"""Seconds: longer than any loop that is given."""
+
+
+@dataclass(frozen=True)
+class _Loop:
+    """What a loop is made from; see `bake_loop`."""
+
+    shown: Callable[[], Iterator[tuple[int, LoopPicture]]]
+    mixed: Mixed
+
+
+def most_frames(layout: Layout) -> int:
+    """Pictures that a loop may have: all of them lie in memory."""
+    width, height = layout.size
+    return min(round(LONGEST * FPS), MOST_BYTES // (width * height * 3 // 2) - 2)
+
+
+def plan_loop(corpus: Corpus) -> tuple[list[Stretch], Mixed]:
+    """The stretches of a corpus that its loop goes through, and what each of the loop's pictures is mixed from.
+
+    Raises:
+        TrainingFailed: no clip that is learnt from is of the reference picture's size.
+    """
+    usable = without(corpus, list(_of_other_size(corpus)))
+    if not usable.good.any():
+        raise TrainingFailed("no clip that is learnt from is of the size of the first, which the loop is to have")
+    stretches = choose_stretches(usable, most=most_frames(corpus.layout))
+    return stretches, joined(stretches, usable)
+
+
+def _joined_loop(corpus: Corpus, appearance: Appearance) -> _Loop:
+    _, mixed = plan_loop(corpus)
+    return _Loop(lambda: loop_pictures(corpus, appearance.coefficients, mixed), mixed)
+
+
+def _of_other_size(corpus: Corpus) -> Iterator[int]:
+    """Numbers of passages whose pictures are not of the size of the reference."""
+    shapes = [next(shots(take.video)).picture.shape for take in corpus.takes]
+    for number, passage in enumerate(corpus.passages):
+        if shapes[passage.take] != corpus.layout.reference.shape:
+            yield number
+
+
+def _given_loop(video: Path, layout: Layout) -> _Loop:
+    seen = survey(Take(video.name, video, (Phone(SILENCE, 0.0, SILENT),)), layout)
+    if not seen.good.all():
+        first = seen.refused[0]
+        raise TrainingFailed(f"{video.name}: picture {first.frame}: {first.reason}")
+    most = most_frames(layout)
+    if seen.frames > most:
+        raise TrainingFailed(f"{video.name} has {seen.frames} pictures, a loop of this size has at most {most}")
+
+    def shown() -> Iterator[tuple[int, LoopPicture]]:
+        for number, shot in enumerate(shots(video)):
+            warp = crop_warp(seen.poses[number], layout.crop, UNCORRECTED)
+            yield number, LoopPicture(shot.picture, warp, UNCORRECTED, None)
+
+    return _Loop(shown, [[(number, 1.0)] for number in range(seen.frames)])
+
+
+def _digests(corpus: Corpus) -> Iterator[str]:
+    """SHA-256 of every take's file that something was learnt from."""
+    for index, take in enumerate(corpus.takes):
+        if corpus.good[corpus.starts[index] : corpus.starts[index + 1]].any():
+            yield digest(take.video)
 
 
 def _replace(draft: Path, output: Path) -> None:
     """Move a finished pack to where it belongs, its manifest last; other files of the folder stay."""
     output.mkdir(exist_ok=True)
-    for name in (*FILES, MANIFEST):
+    others = [path.name for path in draft.iterdir() if path.name not in (*FILES, MANIFEST)]
+    for name in (*others, *FILES, MANIFEST):
         (draft / name).replace(output / name)

@@ -1,246 +1,373 @@
 from __future__ import annotations
 
-import json
+import errno
+import hashlib
 import shutil
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from drawn_recording import FPS
+from drawn_recording import write_lossless
+from marys_takes import MARY, SIZE, marys_takes, pictures
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits
+from tiny_pack import write_tiny
 
 from app.engine.avatar import load_avatar
 from app.engine.background import STILL
-from app.engine.frame import planes, to_rgb
-from app.engine.pack import FILES, MANIFEST, MODEL, load_pack
+from app.engine.frame import planes
+from app.engine.pack import FILES, MANIFEST, MODEL, Pack, load_pack
+from app.engine.training import articulation
 from app.engine.training import train as module
-from app.engine.training.recording import Recording, read_picture
-from app.engine.training.train import Trained, learn, train
+from app.engine.training.corpus import Corpus
+from app.engine.training.identity import Identity, read_identity
+from app.engine.training.take import Take
+from app.engine.training.train import Learnt, learn, train, workspace_of
+from app.engine.training.workspace import Workspace
 from app.errors import TrainingFailed
 from app.speech import SILENCE, Phone
 
+AGAIN = {"finding the face", "trajectories", "background", "writing"}
+"""Steps that are quick, and not kept."""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def quick() -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(articulation, "EPOCHS", 4)
+        yield
+
 
 @pytest.fixture(scope="module")
-def pack(drawn: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("trained") / "nobody"
-    train(drawn, folder)
-    return folder
+def takes(tmp_path_factory: pytest.TempPathFactory) -> list[Take]:
+    return marys_takes(tmp_path_factory.mktemp("takes"))
+
+
+@pytest.fixture(scope="module")
+def identity() -> Identity:
+    return read_identity(MARY / "avatar.json")
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
+
+
+@dataclass
+class Interruptions:
+    """What was seen of a training that was interrupted once at every step.
+
+    Attributes:
+        steps: at which it was, in order.
+        told: steps that each run told of.
+        untouched: whether the old pack was whole after each.
+        beside: names beside the pack after each.
+        kept: a copy of the workspace before the last run.
+        learnt: by the last run, its frames in the copy.
+        pack: the folder.
+    """
+
+    steps: list[str]
+    told: list[list[str]]
+    untouched: list[bool]
+    beside: list[set[str]]
+    kept: Path
+    learnt: Learnt
+    pack: Path
+
+
+@pytest.fixture(scope="module")
+def interrupted(takes: list[Take], identity: Identity, tmp_path_factory: pytest.TempPathFactory) -> Interruptions:
+    folder = tmp_path_factory.mktemp("interrupted")
+    output, kept = write_tiny(folder / "mary"), tmp_path_factory.mktemp("kept") / "workspace"
+    (output / "README.md").write_text("mine")
+    before = contents(output)
+    seen: list[Learnt] = []
+    found = Interruptions([], [], [], [], kept, None, output)  # type: ignore[arg-type]
+    while True:
+        told: list[str] = []
+
+        def stop(step: str, share: float, told: list[str] = told) -> None:
+            assert 0 <= share <= 1
+            if step not in told:
+                told.append(step)
+            if step not in found.steps:
+                found.steps.append(step)
+                raise KeyboardInterrupt
+
+        if workspace_of(output).exists():
+            shutil.rmtree(kept, ignore_errors=True)
+            shutil.copytree(workspace_of(output), kept)
+        found.told.append(told)
+        try:
+            train(takes, identity, output, workers=1, progress=stop, extras=lambda learnt, *_: seen.append(learnt))
+            break
+        except KeyboardInterrupt:
+            found.untouched.append(contents(output) == before)
+            found.beside.append({path.name for path in folder.iterdir()})
+    corpus = seen[0].corpus
+    frames = replace(corpus.frames, path=kept / corpus.frames.path.name)
+    found.learnt = replace(seen[0], corpus=replace(corpus, frames=frames))
+    return found
+
+
+def test_an_interrupted_training_leaves_the_old_pack_and_nothing_half_written(interrupted: Interruptions) -> None:
+    assert interrupted.steps == [
+        "finding the face", "following the face", "cutting out the mouth", "components", "landmarks", "flow", "modes",
+        "textures", "analysis", "trajectories", "background", "writing",
+    ]  # fmt: skip
+    assert all(interrupted.untouched)
+    for names in interrupted.beside:
+        assert names <= {"mary", ".mary.training"}
+    assert not list(interrupted.kept.glob("*.part"))
+
+
+def test_it_goes_on_where_it_was(interrupted: Interruptions) -> None:
+    for number, told in enumerate(interrupted.told):
+        finished = set(interrupted.steps[: max(0, number - 1)]) - AGAIN
+        if number < len(interrupted.steps) and interrupted.steps[number] in ("textures", "modes"):
+            finished.discard("modes")  # of which textures are a part
+        if number == interrupted.steps.index("textures") + 1:
+            finished.discard("modes")
+        assert not finished & set(told), (number, told)
+    assert set(interrupted.told[-1]) == AGAIN
+
+
+def test_in_the_end_the_new_pack_replaces_the_old_and_other_files_stay(
+    interrupted: Interruptions, identity: Identity, takes: list[Take]
+) -> None:
+    assert {path.name for path in interrupted.pack.parent.iterdir()} == {"mary"}
+    assert {path.name for path in interrupted.pack.iterdir()} == {*FILES, MANIFEST, "README.md"}
+    pack = load_pack(interrupted.pack)
+    for name, said in identity.model_dump().items():
+        assert pack.manifest.model_dump()[name] == said
+    assert (pack.manifest.width, pack.manifest.height) == (SIZE, SIZE)
+    assert 50 < pack.manifest.loop_frames <= 250
+    expected = tuple(hashlib.sha256(take.video.read_bytes()).hexdigest() for take in takes)
+    assert pack.manifest.trained_on == expected
+    assert (pack.modes.flow_count, pack.modes.count) == (12, 46)
+
+
+def test_the_same_bytes_whatever_the_number_of_workers_and_interruptions(
+    interrupted: Interruptions, identity: Identity, takes: list[Take], tmp_path: Path
+) -> None:
+    train(takes, identity, tmp_path / "mary", workers=2)
+    first, again = contents(interrupted.pack), contents(tmp_path / "mary")
+    for name in (*FILES, MANIFEST):
+        assert first[name] == again[name], name
+
+
+def test_the_trained_avatar_shows_what_was_recorded(interrupted: Interruptions) -> None:
+    avatar, corpus = load_avatar(interrupted.pack), interrupted.learnt.corpus
+    out = np.empty((SIZE * 3 // 2, SIZE), np.uint8)
+    crop, full = corpus.crop, corpus.mask > 0.999
+    shown, resting = [], []
+    rest = crop.luma(avatar.pack.background.pictures[-1]).astype(float)
+    for number in range(0, len(corpus.good), 5):
+        avatar.render(interrupted.learnt.appearance.coefficients[number], STILL, out)
+        truth = corpus.frames.take([number])[0][: full.size].reshape(full.shape).astype(float)
+        shown.append(((crop.luma(out) - truth)[full] ** 2).mean())
+        resting.append(((rest - truth)[full] ** 2).mean())
+    assert 10 * np.log10(255**2 / np.mean(shown)) > 30
+    assert np.mean(shown) < 0.2 * np.mean(resting)
+
+
+def test_the_trained_avatar_opens_for_vowels_and_closes_for_bilabials(interrupted: Interruptions) -> None:
+    avatar, learnt = load_avatar(interrupted.pack), interrupted.learnt
+    spoken = [
+        Phone(SILENCE, 0, 0.4),
+        Phone("AA", 0.4, 0.6),
+        Phone("M", 0.6, 0.7),
+        Phone("AA", 0.7, 0.9),
+        Phone(SILENCE, 0.9, 1.5),
+    ]
+    out = np.empty((SIZE * 3 // 2, SIZE), np.uint8)
+    moved = []
+    for coefficients in avatar.trajectory(spoken, 36):
+        avatar.render(coefficients, 0, out)
+        moved.append(np.abs(planes(out)[0].astype(float) - planes(avatar.pack.background.pictures[0])[0]).mean())
+    assert max(moved[10:14]) > 2.5 * min(moved[14:18])
+    assert moved[0] < 0.1 * max(moved)
+    assert learnt.articulation.validation
+
+
+# Failures while writing
 
 
 @pytest.fixture
-def folder(drawn: Path, tmp_path: Path) -> Path:
-    """A recording of the test's own, to be spoilt."""
-    return Path(shutil.copytree(drawn, tmp_path / "spoilt"))
+def known(interrupted: Interruptions, monkeypatch: pytest.MonkeyPatch) -> Learnt:
+    """Everything is learnt already."""
+    monkeypatch.setattr(module, "learn", lambda *_, **__: interrupted.learnt)
+    return interrupted.learnt
 
 
-def model_arrays(folder: Path) -> dict[str, NDArray[Any]]:
-    with np.load(folder / MODEL) as stored:
-        return dict(stored)
-
-
-def test_a_trained_pack_loads_and_says_what_it_is(pack: Path) -> None:
-    loaded = load_pack(pack)
-    manifest = loaded.manifest
-    assert (manifest.id, manifest.title, manifest.voice) == ("nobody", "Nobody", "mock")
-    assert (manifest.width, manifest.height, manifest.fps, manifest.loop_frames) == (96, 80, FPS, 4)
-    assert manifest.consent.statement == "an ellipse"
-    assert sorted(path.name for path in pack.iterdir()) == sorted((*FILES, MANIFEST))
-    assert (loaded.modes.flow_count, loaded.modes.count) == (12, 46)
-    assert len(loaded.morphable.images) == 46
-    assert not loaded.morphable.flows[loaded.morphable.reference].any()
-    assert {"AA", "EH", "M", "P", SILENCE, "SIL.after0", "SIL.before0"} <= set(loaded.trajectory.states)
-    preview = read_picture(pack / "preview.jpg")
-    assert np.abs(preview.astype(int) - to_rgb(loaded.background.pictures[0])).mean() < 3
-
-
-def test_a_trained_avatar_shows_what_was_recorded(pack: Path, recording: Recording) -> None:
-    avatar = load_avatar(pack)
-    rows = avatar.trajectory(recording.phones, len(recording.frames))
-    box, out, ratios, resting = recording.crop, np.empty((120, 96), np.uint8), [], []
-    rest = box.luma(avatar.pack.background.pictures[-1]).astype(float)
-    for coefficients, frame in zip(rows, recording.frames, strict=True):
-        avatar.render(coefficients, STILL, out)
-        truth = frame[: box.width * box.height].reshape(box.height, box.width).astype(float)
-        ratios.append(10 * np.log10(255**2 / ((box.luma(out) - truth) ** 2).mean()))
-        resting.append(10 * np.log10(255**2 / ((rest - truth) ** 2).mean()))
-    assert np.mean(ratios) > 32, np.mean(ratios)
-    assert np.min(ratios) > 22, np.min(ratios)
-    moving = np.array(resting) < 30
-    assert np.mean(np.array(ratios)[moving]) > np.mean(np.array(resting)[moving]) + 6
-
-
-def test_a_trained_mouth_opens_for_vowels_and_closes_for_bilabials(pack: Path) -> None:
-    avatar = load_avatar(pack)
-    spoken = [Phone(SILENCE, 0, 0.3), Phone("AA", 0.3, 0.6), Phone("M", 0.6, 0.72), Phone("AA", 0.72, 1.0)]
-    out = np.empty((120, 96), np.uint8)
-    dark = []
-    for coefficients in avatar.trajectory(spoken, 25):
-        avatar.render(coefficients, 0, out)
-        dark.append(int((planes(out)[0][25:55, 30:66] < 60).sum()))
-    assert dark[10] > 100
-    assert dark[0] == 0
-    assert min(dark[14:18]) < 0.2 * dark[10]
-
-
-def test_the_same_seed_gives_the_same_model(drawn: Path, pack: Path, tmp_path: Path) -> None:
-    threadpool_limits(2)  # on however many cores: sums in another order must not choose another prototype
-    module.cv2.setNumThreads(2)
-    train(drawn, tmp_path / "again")
-    first, again = model_arrays(pack), model_arrays(tmp_path / "again")
-    assert first.keys() == again.keys()
-    for name, array in first.items():
-        np.testing.assert_array_equal(array, again[name], err_msg=name)
-
-
-def test_progress_names_the_steps_in_order(drawn: Path, tmp_path: Path) -> None:
-    told: list[tuple[str, float]] = []
-    train(drawn, tmp_path / "pack", progress=lambda step, share: told.append((step, share)))
-    steps = list(dict.fromkeys(step for step, _ in told))
-    assert steps == ["reading", "components", "flow", "modes", "trajectories", "background", "writing"]
-    assert all(0 <= share <= 1 for _, share in told)
-    assert told[-1] == ("writing", 1)
-
-
-class Interrupted(Exception):
-    pass
-
-
-@pytest.mark.parametrize("step", ["reading", "components", "flow", "modes", "trajectories", "background", "writing"])
-def test_an_interrupted_training_leaves_nothing_behind(drawn: Path, tmp_path: Path, step: str) -> None:
-    def stop(name: str, _share: float) -> None:
-        if name == step:
-            raise Interrupted
-
-    with pytest.raises(Interrupted):
-        train(drawn, tmp_path / "out" / "pack", progress=stop)
-    assert not list(tmp_path.rglob("*.npz"))
-    assert not (tmp_path / "out" / "pack").exists()
-
-
-@pytest.mark.parametrize("fails", ["save_model", "write_loop", "write_idle", "checksums", "write_manifest"])
-def test_a_failure_while_writing_leaves_the_old_pack_and_no_draft(
-    drawn: Path, pack: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fails: str
-) -> None:
-    output = Path(shutil.copytree(pack, tmp_path / "nobody"))
-    (output / "README.md").write_text("mine")
-    before = {path.name: path.read_bytes() for path in output.iterdir()}
-
+def raises(error: BaseException) -> Callable[..., Any]:
     def stop(*_: object, **__: object) -> None:
-        raise KeyboardInterrupt
+        raise error
 
-    monkeypatch.setattr(module, fails, stop)
-    with pytest.raises(KeyboardInterrupt):
-        train(drawn, output, seed=1)
-    assert {path.name: path.read_bytes() for path in output.iterdir()} == before
-    assert [path.name for path in tmp_path.iterdir()] == ["nobody"]
+    return stop
 
 
-def test_a_new_training_replaces_the_pack_and_keeps_other_files(drawn: Path, pack: Path, tmp_path: Path) -> None:
-    output = Path(shutil.copytree(pack, tmp_path / "nobody"))
-    (output / "README.md").write_text("mine")
-    (output / MODEL).write_bytes(b"damaged")
-    train(drawn, output)
-    load_pack(output)
-    assert (output / "README.md").read_text() == "mine"
-    assert [path.name for path in tmp_path.iterdir()] == ["nobody"]
+@pytest.mark.usefixtures("known")
+@pytest.mark.parametrize("fails", ["save_model", "write_loop", "write_idle", "checksums", "write_manifest", "mkdtemp"])
+def test_a_full_disk_is_said_and_keeps_the_old_pack_and_the_steps(
+    takes: list[Take], identity: Identity, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fails: str
+) -> None:
+    output = write_tiny(tmp_path / "mary")
+    before = contents(output)
+    workspace_of(output).mkdir()
+    (workspace_of(output) / "looks-0.npz").write_bytes(b"kept")
+    full = OSError(errno.ENOSPC, "No space left on device")
+    monkeypatch.setattr(module.tempfile if fails == "mkdtemp" else module, fails, raises(full))
+    with pytest.raises(TrainingFailed, match=r"mary cannot be written: No space left on device") as raised:
+        train(takes, identity, output)
+    assert "Make room" in raised.value.advice
+    assert contents(output) == before
+    assert {path.name for path in tmp_path.iterdir()} == {"mary", ".mary.training"}
+    assert list(contents(workspace_of(output))) == ["looks-0.npz"]
 
 
-# What is wrong with a recording
+@pytest.mark.usefixtures("known")
+def test_a_video_that_finds_no_room_is_said_too(
+    takes: list[Take], identity: Identity, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write = module.write_loop
+    monkeypatch.setattr(module, "write_loop", lambda _, *rest: write(Path("/dev/full"), *rest))
+    with pytest.raises(TrainingFailed, match=r"mary cannot be written: No space left on device"):
+        train(takes, identity, tmp_path / "mary")
+    assert not (tmp_path / "mary").exists()
 
 
-def edit(path: Path, change: Callable[[Any], Any]) -> None:
-    content = json.loads(path.read_text())
-    changed = change(content)
-    path.write_text(json.dumps(content if changed is None else changed))
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (lambda identity: identity.pop("consent") and None, r"avatar\.json: consent: Field required"),
-        (lambda identity: identity["consent"].update(subject=""), r"avatar.json: consent.subject"),
-        (lambda identity: identity.update(id="No Body"), "avatar.json: id"),
-        (lambda identity: identity.update(shoe_size=39), "avatar.json: shoe_size: Extra inputs"),
-        (lambda _: [], r"avatar\.json must hold an object"),
-    ],
-)
-def test_an_identity_that_is_wrong(folder: Path, tmp_path: Path, change: Callable[[Any], Any], message: str) -> None:
-    edit(folder / "avatar.json", change)
-    with pytest.raises(TrainingFailed, match=message):
-        train(folder, tmp_path / "pack")
-    assert not (tmp_path / "pack").exists()
-    assert [path.name for path in tmp_path.iterdir()] == ["spoilt"]
-
-
-def test_no_identity(folder: Path, tmp_path: Path) -> None:
-    (folder / "avatar.json").unlink()
-    with pytest.raises(TrainingFailed, match=r"avatar\.json is missing"):
-        train(folder, tmp_path / "pack")
-
-
-def test_a_recording_without_rest(recording: Recording) -> None:
-    talking = tuple(replace(phone, symbol="AA") if phone.symbol == SILENCE else phone for phone in recording.phones)
-    with pytest.raises(TrainingFailed, match="no silence in which the mouth rests") as raised:
-        learn(replace(recording, phones=talking))
-    assert raised.value.advice == "Record a second of it."
-
-
-def test_pauses_too_short_to_rest_in_are_no_rest(recording: Recording) -> None:
-    hurried = (Phone("AA", 0, 1), Phone(SILENCE, 1, 1.3), Phone("AA", 1.3, 3.52))
-    with pytest.raises(TrainingFailed, match="rests"):
-        learn(replace(recording, phones=hurried))
-
-
-def test_a_sentence_that_is_not_there_cannot_be_left_out(drawn: Path, tmp_path: Path) -> None:
-    with pytest.raises(TrainingFailed, match="there is no sentence 3; the recording has 3"):
-        train(drawn, tmp_path / "pack", leave_out=[3])
-
-
-def test_no_sentence_left(recording: Recording) -> None:
-    with pytest.raises(TrainingFailed, match="no sentence is left"):
-        learn(recording, leave_out=range(3))
-
-
-def test_a_preview_that_cannot_be_written(drawn: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.usefixtures("known")
+def test_a_preview_that_cannot_be_written(
+    takes: list[Take], identity: Identity, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(module.cv2, "imwrite", lambda *_: False)
     with pytest.raises(TrainingFailed, match=r"preview\.jpg could not be written"):
-        train(drawn, tmp_path / "pack")
+        train(takes, identity, tmp_path / "mary")
     assert list(tmp_path.iterdir()) == []
 
 
-# Leaving sentences out
+def test_a_disk_that_fills_up_while_learning_keeps_finished_steps(
+    interrupted: Interruptions, takes: list[Take], identity: Identity, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    output = tmp_path / "mary"
+    shutil.copytree(interrupted.kept, workspace_of(output))
+    (coefficients,) = workspace_of(output).glob("coefficients-*.npz")
+    coefficients.unlink()
+    kept = sorted(path.name for path in workspace_of(output).iterdir())
+    monkeypatch.setattr(np, "savez", raises(OSError(errno.ENOSPC, "No space left on device")))
+    with pytest.raises(TrainingFailed, match="No space left on device") as raised:
+        train(takes, identity, output, workers=1)
+    assert "finished steps are kept" in raised.value.advice
+    left = [path.name for path in workspace_of(output).iterdir() if path.suffix != ".part"]
+    assert sorted(left) == kept
+    assert not output.exists()
 
 
-def assert_same_model(first: Trained, second: Trained) -> None:
-    for name in ("flow_mean", "flow_modes", "texture_mean", "texture_modes", "layer"):
-        np.testing.assert_array_equal(getattr(first.modes, name), getattr(second.modes, name), err_msg=name)
-    np.testing.assert_array_equal(first.morphable.images, second.morphable.images)
-    np.testing.assert_array_equal(first.morphable.flows, second.morphable.flows)
-    assert first.trajectory.states == second.trajectory.states
-    for name in ("mean", "precision", "offset", "scale"):
-        np.testing.assert_array_equal(getattr(first.trajectory, name), getattr(second.trajectory, name), err_msg=name)
-    np.testing.assert_array_equal(first.coefficients, second.coefficients)
-    np.testing.assert_array_equal(first.rest, second.rest)
-    np.testing.assert_array_equal(first.rest_frames, second.rest_frames)
+def test_what_belongs_beside_the_pack_is_written_with_it(
+    known: Learnt, takes: list[Take], identity: Identity, tmp_path: Path
+) -> None:
+    seen: list[tuple[Learnt, Pack]] = []
+
+    def extras(learnt: Learnt, pack: Pack, folder: Path) -> None:
+        seen.append((learnt, pack))
+        assert (folder / MANIFEST).exists()
+        (folder / "report.md").write_text("good")
+
+    manifest = train(takes, identity, tmp_path / "mary", extras=extras)
+    assert seen[0][0] is known
+    assert seen[0][1].manifest == manifest
+    assert (tmp_path / "mary" / "report.md").read_text() == "good"
 
 
-@pytest.mark.parametrize("left_out", [0, 1, 2])
-def test_nothing_is_learnt_from_frames_left_out(recording: Recording, left_out: int) -> None:
-    span = recording.spans()[left_out]
-    poisoned = recording.frames.copy()
-    poisoned[span.start : span.stop] = np.random.default_rng(0).integers(
-        0, 256, poisoned[span.start : span.stop].shape, np.uint8
-    )
-    clean = learn(recording, leave_out=[left_out])
-    assert_same_model(clean, learn(replace(recording, frames=poisoned), leave_out=[left_out]))
-    assert (clean.coefficients[span.start : span.stop] == 0).all()
-    assert not set(clean.rest_frames) & set(span)
+# A background that is given
 
 
-def test_phones_only_said_in_frames_left_out_are_unknown(recording: Recording) -> None:
-    assert "P" in learn(recording).trajectory.states
-    assert "P" not in learn(recording, leave_out=[1]).trajectory.states
+def swaying(path: Path, frames: int) -> Path:
+    """Mary silent: her first picture, which moves."""
+    (still,) = pictures(2, 3)
+    luma, blue, red = planes(still)
+    shown = []
+    for number in range(frames):
+        shift = round(2 * np.sin(2 * np.pi * number / frames))
+        moved = [np.roll(luma, 2 * shift, 1), np.roll(blue, shift, 1), np.roll(red, shift, 1)]
+        shown.append(np.concatenate([plane.ravel() for plane in moved]).reshape(still.shape))
+    write_lossless(path, shown)
+    return path
+
+
+def test_a_given_background_is_the_loop(known: Learnt, takes: list[Take], identity: Identity, tmp_path: Path) -> None:
+    video = swaying(tmp_path / "idle.mkv", 30)
+    train(takes, identity, tmp_path / "mary", background=video)
+    background = load_pack(tmp_path / "mary").background
+    assert background.frames == 30
+    region = background.region
+    y, x = background.pose.shape[1] // 2, background.pose.shape[2] // 2
+    across = background.pose[:-1, y, x, 0]
+    expected = -4 * np.sin(2 * np.pi * np.arange(30) / 30)
+    assert np.corrcoef(across, expected)[0, 1] > 0.97
+    assert region.width > known.corpus.crop.width
+
+
+@pytest.mark.usefixtures("known")
+def test_a_background_that_is_too_long_or_of_another_size_is_refused(
+    takes: list[Take], identity: Identity, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    video = swaying(tmp_path / "idle.mkv", 30)
+    monkeypatch.setattr(module, "LONGEST", 1.0)
+    with pytest.raises(TrainingFailed, match=r"idle\.mkv has 30 pictures, a loop of this size has at most 25"):
+        train(takes, identity, tmp_path / "mary", background=video)
+    assert not (tmp_path / "mary").exists()
+
+
+# What is left out
+
+
+def test_nothing_is_learnt_from_sentences_left_out(
+    interrupted: Interruptions, takes: list[Take], tmp_path: Path
+) -> None:
+    workspace = Workspace(Path(shutil.copytree(interrupted.kept, tmp_path / "workspace")))
+    known = interrupted.learnt.corpus
+    second = [number for number, passage in enumerate(known.passages) if passage.take == 1]
+    found = learn(takes, workspace, leave_out=second, workers=1)
+    start = int(found.corpus.starts[1])
+    assert not found.corpus.good[start:].any()
+    np.testing.assert_array_equal(found.corpus.good[:start], known.good[:start])
+    assert not found.appearance.coefficients[start:].any()
+    assert max(found.appearance.prototypes) < start
+    said = {phone.symbol for phone in takes[0].phones}
+    assert {state.partition(".")[0] for state in found.articulation.model.states} <= said
+    assert list(module._digests(found.corpus)) == [hashlib.sha256(takes[0].video.read_bytes()).hexdigest()]
+
+
+def test_only_sentences_that_are_there_can_be_left_out_and_one_must_stay(
+    interrupted: Interruptions, takes: list[Take], tmp_path: Path
+) -> None:
+    workspace = Workspace(Path(shutil.copytree(interrupted.kept, tmp_path / "workspace")))
+    count = len(interrupted.learnt.corpus.passages)
+    with pytest.raises(TrainingFailed, match=f"there is no sentence {count}; the recording has {count}"):
+        learn(takes, workspace, leave_out=[count], workers=1)
+    with pytest.raises(TrainingFailed, match="nothing is left to learn from"):
+        learn(takes, workspace, leave_out=range(count), workers=1)
+
+
+def test_the_loop_is_of_clips_of_the_references_size(corpus: Corpus, tmp_path: Path) -> None:
+    small: NDArray[np.uint8] = np.full((96 * 3 // 2, 96), 100, np.uint8)
+    write_lossless(tmp_path / "small.mkv", [small] * 3)
+    other = replace(corpus.takes[1], video=tmp_path / "small.mkv")
+    both = replace(corpus, takes=(corpus.takes[0], other))
+    of_second = [number for number, passage in enumerate(corpus.passages) if passage.take == 1]
+    assert list(module._of_other_size(both)) == of_second
+    assert list(module._of_other_size(corpus)) == []
+    only = replace(both, good=both.good & (np.arange(len(both.good)) >= both.starts[1]))
+    with pytest.raises(TrainingFailed, match="of the size of the first"):
+        module._joined_loop(only, None)  # type: ignore[arg-type]
+
+
+def test_a_model_that_is_kept_is_the_one_that_was_learnt(interrupted: Interruptions) -> None:
+    with np.load(interrupted.pack / MODEL) as stored:
+        model = interrupted.learnt.articulation.model
+        assert tuple(stored["states"]) == model.states
+        np.testing.assert_array_equal(stored["state_mean"], model.mean)
