@@ -1,0 +1,1 @@
+"""How well an avatar says sentences that its talker was recorded saying."""
