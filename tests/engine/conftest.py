@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,6 +10,7 @@ import pytest
 from numpy.typing import NDArray
 from tiny_pack import tiny_background, tiny_model, tiny_modes, write_tiny
 
+from app.align.transcript import read_transcript
 from app.engine.avatar import Avatar, load_avatar
 from app.engine.background import Background
 from app.engine.mmm import MorphableModel
@@ -31,7 +31,7 @@ def mary() -> Avatar:
 @pytest.fixture(scope="session")
 def phones() -> tuple[Phone, ...]:
     """What Mary says in her recording."""
-    return tuple(Phone(*entry) for entry in json.loads((MARY / "recording" / "phones.json").read_text()))
+    return read_transcript(MARY / "recording" / "recording.TextGrid").alignment(28.48).phones
 
 
 @pytest.fixture(scope="session")

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import json
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
@@ -199,3 +200,25 @@ def test_chroma_maps_have_half_the_size_and_lie_between_rows() -> None:
     half = chroma_map(pixel_grid(12, 8).copy())
     assert half.shape == (4, 6, 2)
     np.testing.assert_allclose(half, pixel_grid(6, 4), atol=1e-6)
+
+
+LIPS_AND_NOSE = ("mouth_l", "mouth_r", "lip_top", "lip_mid", "lip_bottom", "nostril_l", "nostril_r", "nose_base")
+
+
+@pytest.mark.parametrize("landmark", LIPS_AND_NOSE)
+def test_marys_mouth_is_posed_where_her_head_really_is(mary: Avatar, landmark: str) -> None:
+    """Her loop was rendered with known head motion; training found it from the pictures alone."""
+    truth = json.loads((mary.folder / "recording" / "pose.json").read_text())
+    background = mary.pack.background
+    corner = np.array([0.5, 0.5])  # the truth counts from the corner of the first pixel, pictures from its middle
+    still = np.array(truth["neutral"][landmark]) - corner - (background.crop.x, background.crop.y)
+    first = (background.region.x, background.region.y)
+    off, moved = [], []
+    for index in range(background.frames):
+        real = np.array(truth["poses"][index]["landmarks"][landmark]) - corner
+        posed = background.forward(index, still[None].astype(np.float32))[0] + first
+        off.append(np.linalg.norm(posed - real))
+        moved.append(np.linalg.norm(real - (np.array(truth["neutral"][landmark]) - corner)))
+    assert np.sqrt(np.mean(np.square(moved))) > 3.5
+    assert np.sqrt(np.mean(np.square(off))) < 0.35
+    assert max(off) < 0.7
