@@ -206,29 +206,72 @@ def avatars(config: ConfigOption = None) -> None:
 
 @app.command()
 def train(
-    recording: Annotated[Path, typer.Argument(help="Folder with the recording.")],
-    output: Annotated[Path, typer.Option("--output", "-o", help="Folder of the avatar to write.")],
-    identity: Annotated[Path | None, typer.Option(help="Who it is (default: avatar.json in the recording).")] = None,
-    leave_out: Annotated[str, typer.Option(help="Sentences not to learn from, e.g. 0,5: for open tests.")] = "",
+    videos: Annotated[list[Path], typer.Argument(help="Videos of one person reading, or folders of them.")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder of the avatar: avatars/NAME.")],
+    transcripts: Annotated[
+        list[Path] | None,
+        typer.Option(help="What is said: .txt .align .TextGrid .vtt .srt files, or their folder (default: beside)."),
+    ] = None,
+    identity: Annotated[Path | None, typer.Option(help="Who it is, as JSON (default: asked for).")] = None,
+    title: Annotated[str, typer.Option(help="What people call the avatar.")] = "",
+    voice: Annotated[str, typer.Option(help="Its usual voice. See: mary voices.")] = "heart",
+    licence: Annotated[str, typer.Option(help="Under which the avatar may be used.")] = "",
+    subject: Annotated[str, typer.Option(help="Whose face it is.")] = "",
+    consent: Annotated[str, typer.Option(help="What that person agreed to, and when.")] = "",
+    background: Annotated[
+        Path | None, typer.Option(help="A video loop of the same head with its mouth at rest (default: joined).")
+    ] = None,
+    leave_out: Annotated[
+        str,
+        typer.Option(help="Clips (of a single video: numbers of sentences) not to learn from, a,b: for open tests."),
+    ] = "",
+    aligner: Annotated[str, typer.Option(help="Finds when the phones sound.")] = "pocketsphinx",
     seed: Annotated[int, typer.Option(help="Same seed, same avatar.")] = 0,
+    workers: Annotated[int, typer.Option(min=0, help="Processes; 0: one a core.")] = 0,
 ) -> None:
-    """Make an avatar of a recording."""
-    if not recording.is_dir():
-        raise InputError(f"{recording} is no folder", field="recording", advice="Name a folder with a recording.")
-    try:
-        left_out = [int(number) for number in leave_out.split(",") if number.strip()]
-    except ValueError as error:
-        raise InputError(f"--leave-out takes numbers, not {leave_out!r}", field="leave_out") from error
-    from app.engine.training.train import train as run
+    """Make an avatar of a recording. Interrupted, the same command goes on where it was."""
+    from app.commands.train import Asked, run
 
-    with _progress() as progress:
-        task = progress.add_task("reading", total=1.0)
+    run(
+        videos, transcripts or [], output, Asked(identity, title, voice, licence, subject, consent),
+        background=background, leave_out=[name.strip() for name in leave_out.split(",") if name.strip()],
+        aligner=aligner, seed=seed, workers=workers, out=_out, err=_err,
+    )  # fmt: skip
 
-        def show(stage: str, done: float) -> None:
-            progress.update(task, description=stage, completed=done)
 
-        run(recording, output, identity=identity, leave_out=left_out, seed=seed, progress=show)
-    _out.print(Text(f"{output} is ready"), soft_wrap=True)
+@app.command()
+def evaluate(
+    videos: Annotated[list[Path], typer.Argument(help="Videos of the avatar's talker, or folders of them.")],
+    avatar: Annotated[str, typer.Option("--avatar", help="See: mary avatars; or the folder of a pack.")],
+    transcripts: Annotated[
+        list[Path] | None, typer.Option(help="Transcripts (default: beside the videos); may be given several times.")
+    ] = None,
+    figures: Annotated[Path | None, typer.Option("--json", help="Also write the figures to this file.")] = None,
+    output: Annotated[Path | None, typer.Option("--output", "-o", help="Also write figures and plots here.")] = None,
+    gains: Annotated[str, typer.Option(help="Also measure with the mouth moving so many times as far: 1.1,1.2")] = "",
+    aligner: Annotated[str, typer.Option(help="What finds the phones.")] = "pocketsphinx",
+    workers: Annotated[int, typer.Option(min=0, help="Processes; 0: one a core.")] = 0,
+    config: ConfigOption = None,
+) -> None:
+    """Measure how well an avatar says what its talker was recorded saying."""
+    folder = _avatar_folder(avatar, load(config))
+    from app.commands.evaluate import run
+
+    run(
+        videos, transcripts or [], folder, figures=figures, output=output, gains=gains, aligner=aligner,
+        workers=workers, out=_out, err=_err,
+    )  # fmt: skip
+
+
+def _avatar_folder(avatar: str, settings: Settings) -> Path:
+    """The folder of an avatar by its name, or of a pack that lies elsewhere."""
+    from app.engine.pack import MANIFEST
+
+    for folder in (settings.avatars.folder / avatar, Path(avatar)):
+        if (folder / MANIFEST).is_file():
+            return folder
+    known = ", ".join(_shelf(settings).ids())
+    raise NotFound(f"there is no avatar {avatar!r}", advice=f"Known: {known}; or name the folder of a pack.")
 
 
 @app.command()

@@ -12,7 +12,9 @@ MAY_IMPORT = {
     "tts": {"speech", "errors", "config", "plugins", "align"},
     "align": {"speech", "errors", "plugins"},
     "engine": {"speech", "errors"},
+    "evaluation": {"speech", "errors", "align", "engine"},
     "stream": {"speech", "errors", "config", "engine"},
+    "commands": {"speech", "errors", "config", "tts", "align", "engine", "evaluation"},
     "api": {"speech", "errors", "config", "tts", "align", "engine", "stream"},
 }
 

@@ -66,7 +66,7 @@ def pictures(path: Path) -> list[np.ndarray]:
 def test_help_names_all_commands(mary) -> None:
     shown = mary("--help")
     assert shown.returncode == 0
-    for name in ("serve", "say", "voices", "avatars", "train", "bench"):
+    for name in ("serve", "say", "voices", "avatars", "train", "evaluate", "bench"):
         assert name in shown.stdout
 
 
@@ -136,10 +136,11 @@ def test_wrong_input_is_one_line_and_exit_code_2(mary, tmp_path: Path, arguments
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_broken_recording_is_exit_code_1(mary, tmp_path: Path) -> None:
-    (tmp_path / "recording").mkdir()
-    ended = mary("train", "recording", "-o", "out")
+def test_training_without_consent_is_exit_code_1(mary, tmp_path: Path) -> None:
+    (tmp_path / "anna.mp4").write_bytes(b"")
+    ended = mary("train", "anna.mp4", "-o", "out")
     assert ended.returncode == 1
+    assert "consent" in ended.stderr
     assert "Traceback" not in ended.stderr
     assert not (tmp_path / "out").exists()
 

@@ -1,0 +1,1 @@
+"""What the longer commands of `mary` do; `app.cli` has their arguments."""

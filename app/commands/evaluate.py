@@ -1,0 +1,78 @@
+"""`mary evaluate`: how well an avatar says what its talker was recorded saying."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from rich.console import Console
+
+from app.commands.long_work import LongWork, shown
+from app.commands.takes import spoken_takes
+from app.errors import InputError
+from app.evaluation.evaluation import evaluate
+from app.evaluation.tables import tables
+from app.evaluation.write_evaluation import check_writable, write_figures, write_folder
+
+STEPS = {
+    "listening": 5.0, "following the face": 4.0, "cutting out the mouth": 3.0, "reading": 13.0, "reconstruction": 8.0,
+    "drawing": 30.0,
+}  # fmt: skip
+"""Seconds of each step for 28 clips of three seconds on two cores: what the time left is told by."""
+
+
+def run(
+    inputs: Sequence[Path],
+    transcripts: Sequence[Path],
+    avatar: Path,
+    *,
+    figures: Path | None,
+    output: Path | None,
+    gains: str,
+    aligner: str,
+    workers: int,
+    out: Console,
+    err: Console,
+) -> None:
+    """Measure an avatar, showing progress, and print what was found.
+
+    Args:
+        inputs: videos of its talker, or folders of them.
+        transcripts: files or folders; none: beside the videos.
+        avatar: folder of the pack.
+        figures: JSON file to write, if any.
+        output: folder to write figures and plots to, if any.
+        gains: numbers with commas between; see `app.engine.evaluation.measure.Gain`.
+        aligner: its name.
+        workers: processes; 0 for one a core.
+        out, err: where tables and progress go.
+
+    Raises:
+        InputError: nothing can be measured on these clips, or a place cannot be written to.
+        BadPack: the avatar is damaged.
+    """
+    larger = _numbers(gains)
+    check_writable(output, figures)
+    with shown(err, LongWork(STEPS)) as work:
+        takes, aligned = spoken_takes(
+            inputs, transcripts, aligner=aligner, cache=None, workers=workers,
+            progress=lambda share: work.tell("listening", share),
+        )  # fmt: skip
+        found = evaluate(avatar, takes, aligned, gains=larger, workers=workers, progress=work.tell)
+    for each in tables(found):  # before anything is written: what was measured is not lost if that fails
+        out.print(each)
+        out.print()
+    if figures is not None:
+        write_figures(found, figures)
+    if output is not None:
+        write_folder(found, output)
+
+
+def _numbers(text: str) -> list[float]:
+    try:
+        gains = [float(number) for number in text.split(",") if number.strip()]
+    except ValueError as error:
+        raise InputError(f"--gains takes numbers, not {text!r}", field="gains", advice="--gains 1.1,1.2") from error
+    if any(not 0 < gain <= 4 for gain in gains):
+        raise InputError("--gains takes numbers above 0 and up to 4", field="gains", advice="--gains 1.1,1.2")
+    return gains
