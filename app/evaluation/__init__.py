@@ -1,0 +1,1 @@
+"""What `mary evaluate` finds out: figures, tables and plots."""
