@@ -14,6 +14,7 @@ BENCHES = {
     "engine": "frames a second, fast against reference, threads against processes",
     "trajectory": "Fu 2011's table 4.3, banded against dense",
     "picture": "against the recording: closed and open test, sharpness, lip closure",
+    "talker": "a real talker from end to end: time, memory, unheard sentences (needs recordings)",
     "sync": "a minute of speech: where its tracks end",
     "latency": "Enter to the first live frame in Chromium, 10 and 300 words",
 }

@@ -41,7 +41,7 @@ def _speed() -> Report:
     report = Report("engine", "Composited 512x512 frames on one thread, loop and head motion included")
     avatar, literal = load_avatar(FOLDER), load_avatar(FOLDER, "reference")
     source = recording()
-    spoken = avatar.trajectory(source.phones, len(source.frames))
+    spoken = avatar.trajectory(source.phones, len(source.luma))
     picture = empty(512, 512)
 
     def draw(who: Avatar, count: int) -> None:
@@ -83,7 +83,7 @@ def _lanes(streams: int, workers: int) -> float:
     """Frames a second of `streams` lanes, synthesised and encoded by one pool."""
     avatar = load_avatar(FOLDER)
     source = recording()
-    spoken = avatar.trajectory(source.phones, len(source.frames))
+    spoken = avatar.trajectory(source.phones, len(source.luma))
     pool = OrderedPool(workers)
 
     def draw(job: FrameJob) -> np.ndarray:

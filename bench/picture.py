@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import tempfile
+from collections.abc import Collection, Iterator
+from pathlib import Path
 
 import numpy as np
 
@@ -13,8 +15,8 @@ from app.engine.mmm import Conversion
 from app.engine.modes import draw_crop
 from app.engine.pack import FPS
 from app.engine.training.em_pca import em_pca
-from app.engine.training.recording import Recording, read_clip
-from app.engine.training.train import learn
+from app.engine.training.train import Learnt, learn
+from app.engine.training.workspace import Workspace
 from app.engine.trajectory import Coefficients
 from app.speech import SILENCE, Phone
 from app.tts.narrate import narrate
@@ -23,12 +25,12 @@ from bench.lips import inner_gap, lip_width
 from bench.recorded import (
     ACTIVE,
     FOLDER,
+    Recorded,
     crop_luma,
     crop_rgb,
-    full_range,
     gradient_energy,
+    in_box,
     psnr,
-    recorded_luma,
     recording,
     speech_frames,
     ssim,
@@ -49,34 +51,45 @@ CLOSURES = (
 def run() -> list[Report]:
     """Closed and open test, reconstruction, closure."""
     source = recording()
-    wanted = recorded_luma(source)
+    wanted = source.luma
     speaking = speech_frames(source)
     return [_speech(source, wanted, speaking), _reconstruction(source, wanted, speaking), _closure(source)]
 
 
-def render_still(avatar: Avatar, source: Recording, coefficients: Coefficients) -> np.ndarray:
+def render_still(avatar: Avatar, coefficients: Coefficients) -> np.ndarray:
     """(T, h, w) luma of the crops rendered at the recording's rest pose."""
     manifest = avatar.manifest
     picture = empty(manifest.width, manifest.height)
     shown = []
     for row in coefficients:
         avatar.render(row, STILL, picture)
-        shown.append(crop_luma(source, picture))
+        shown.append(crop_luma(picture))
     return np.stack(shown)
 
 
-def _speech(source: Recording, wanted: np.ndarray, speaking: np.ndarray) -> Report:
+def relearn(source: Recorded, folder: Path, leave_out: Collection[int] = ()) -> Learnt:
+    """Learn the recording, some of its sentences left out, keeping finished steps in the folder."""
+    return learn([source.take], Workspace(folder), leave_out=leave_out)
+
+
+def _drawn(source: Recorded, learnt: Learnt, coefficients: Coefficients) -> np.ndarray:
+    corpus = learnt.corpus
+    return in_box(source.still, corpus.crop, draw_crop(learnt.appearance.modes, coefficients).luma, corpus.mask)
+
+
+def _speech(source: Recorded, wanted: np.ndarray, speaking: np.ndarray) -> Report:
     report = Report("speech", "Rendered speech against the recorded frames (speech frames, active box, luma)")
     avatar = load_avatar(FOLDER)
     count = len(wanted)
-    closed = render_still(avatar, source, avatar.trajectory(source.phones, count))
+    closed = render_still(avatar, avatar.trajectory(source.phones, count))
     opened = np.empty_like(wanted)
     spans = source.spans()
-    for fold in FOLDS:
-        trained = learn(source, leave_out=fold)
-        coefficients = trained.trajectory.predict(source.phones, count)
-        for frame in (frame for sentence in fold for frame in spans[sentence]):
-            opened[frame] = full_range(draw_crop(trained.modes, coefficients[frame]).luma)
+    with tempfile.TemporaryDirectory() as folder:
+        for fold in FOLDS:
+            learnt = relearn(source, Path(folder), fold)
+            coefficients = learnt.articulation.model.predict(source.phones, count)
+            for frame in (frame for sentence in fold for frame in spans[sentence]):
+                opened[frame] = _drawn(source, learnt, coefficients[frame])
     rest = learn_rest(source, wanted)
     neutral = np.broadcast_to(rest, wanted.shape)
     report.add("closed test, PSNR", psnr(closed, wanted)[speaking].mean(), "dB", ">= 33")
@@ -110,19 +123,22 @@ def _speech(source: Recording, wanted: np.ndarray, speaking: np.ndarray) -> Repo
     return report
 
 
-def _reconstruction(source: Recording, wanted: np.ndarray, speaking: np.ndarray) -> Report:
+def _reconstruction(source: Recorded, wanted: np.ndarray, speaking: np.ndarray) -> Report:
     report = Report("reconstruction", "Analysed frames drawn again (speech frames, active box, luma)")
-    trained = learn(source)
-    convert = Conversion(trained.morphable, trained.modes)
+    with tempfile.TemporaryDirectory() as folder:
+        learnt = relearn(source, Path(folder))
+    appearance = learnt.appearance
+    convert = Conversion(appearance.morphable, appearance.modes)
     frames = np.flatnonzero(speaking)[::5]
     widest = np.flatnonzero(_widest(wanted, learn_rest(source, wanted)))[::3]
 
     def fast(numbers: np.ndarray) -> np.ndarray:
-        return np.stack([full_range(draw_crop(trained.modes, trained.coefficients[n]).luma) for n in numbers])
+        return np.stack([_drawn(source, learnt, appearance.coefficients[n]) for n in numbers])
 
     def reference(numbers: np.ndarray) -> np.ndarray:
-        morphs = (trained.morphable.synthesise(*convert(trained.coefficients[n])) for n in numbers)
-        return np.stack([full_range(morph.luma) for morph in morphs])
+        morphs = (appearance.morphable.synthesise(*convert(appearance.coefficients[n])) for n in numbers)
+        corpus = learnt.corpus
+        return np.stack([in_box(source.still, corpus.crop, morph.luma, corpus.mask) for morph in morphs])
 
     quick, literal = psnr(fast(frames), wanted[frames]).mean(), psnr(reference(frames), wanted[frames]).mean()
     report.add("fast, PSNR", quick, "dB")
@@ -135,7 +151,7 @@ def _reconstruction(source: Recording, wanted: np.ndarray, speaking: np.ndarray)
     return report
 
 
-def _closure(source: Recording) -> Report:
+def _closure(source: Recorded) -> Report:
     report = Report("closure", "Lip closure on /m b p/: inner-lip gap of rendered frames, of its maximum")
     avatar = load_avatar(FOLDER)
     picture = empty(avatar.manifest.width, avatar.manifest.height)
@@ -144,10 +160,10 @@ def _closure(source: Recording) -> Report:
         found = []
         for row in avatar.trajectory(phones, frames):
             avatar.render(row, STILL, picture)
-            found.append(inner_gap(crop_rgb(source, picture)))
+            found.append(inner_gap(crop_rgb(picture)))
         return np.array(found)
 
-    truth = np.array([inner_gap(rgb) for rgb in read_clip(FOLDER / "recording" / "mouth.mkv")])
+    truth = np.array([inner_gap(rgb) for rgb in source.rgb])
     with np.load(FOLDER / "recording" / "weights.npz") as stored:
         controls = np.column_stack([stored["weights"], np.ones(len(truth))])
     fitted = controls @ np.linalg.lstsq(controls, truth, rcond=None)[0]
@@ -178,20 +194,20 @@ def _closure(source: Recording) -> Report:
         "closed, of all", 100 * np.mean([gap <= 0.1 for _, gap in collected]), "%", note=f"{len(collected)} phones"
     )
     _shapes(report, avatar, source)
-    rest = learn_rest(source, recorded_luma(source))
+    rest = learn_rest(source, source.luma)
     silent = _deep_silence(source)
-    moved = np.abs(render_still(avatar, source, avatar.trajectory(source.phones, len(truth))[silent]) - rest)
+    moved = np.abs(render_still(avatar, avatar.trajectory(source.phones, len(truth))[silent]) - rest)
     report.add(
         "movement in silence", float(moved[:, ACTIVE[0], ACTIVE[1]].mean()), "levels", note="0.3 s and more from speech"
     )
     return report
 
 
-def _shapes(report: Report, avatar: Avatar, source: Recording) -> None:
+def _shapes(report: Report, avatar: Avatar, source: Recorded) -> None:
     """Rounding on /uw ow w/ and teeth on /f v/: rendered beside recorded, in the middle of each phone."""
     picture = empty(avatar.manifest.width, avatar.manifest.height)
-    spoken = avatar.trajectory(source.phones, len(source.frames))
-    recorded = list(read_clip(FOLDER / "recording" / "mouth.mkv"))
+    spoken = avatar.trajectory(source.phones, len(source.luma))
+    recorded = source.rgb
     lead = avatar.pack.trajectory.lead
     for name, symbols, measure in (
         ("lip width on /uw ow w/, of the width at rest", ("UW", "OW", "W"), lip_width),
@@ -204,7 +220,7 @@ def _shapes(report: Report, avatar: Avatar, source: Recording) -> None:
         shown = []
         for frame in frames:
             avatar.render(spoken[frame], STILL, picture)
-            shown.append(measure(crop_rgb(source, picture)))
+            shown.append(measure(crop_rgb(picture)))
         true = np.mean([measure(recorded[frame]) for frame in frames]) / unit
         report.add(name, np.mean(shown) / unit, "", note=f"recorded {true:.3g}")
 
@@ -226,14 +242,14 @@ def _closed_shares(
             yield phone.end - phone.start, gap[shown].min() / wide
 
 
-def learn_rest(source: Recording, wanted: np.ndarray) -> np.ndarray:
+def learn_rest(source: Recorded, wanted: np.ndarray) -> np.ndarray:
     """(h, w) mean recorded luma of deep silence."""
     rest: np.ndarray = wanted[_deep_silence(source)].mean(0)
     return rest
 
 
-def _deep_silence(source: Recording) -> np.ndarray:
-    times = np.arange(len(source.frames)) / source.fps
+def _deep_silence(source: Recorded) -> np.ndarray:
+    times = np.arange(len(source.luma)) / FPS
     near = np.zeros(len(times), bool)
     for phone in source.phones:
         if phone.symbol != SILENCE:
@@ -248,10 +264,10 @@ def _widest(wanted: np.ndarray, rest: np.ndarray) -> np.ndarray:
     return chosen
 
 
-def _phone_means(source: Recording, wanted: np.ndarray) -> np.ndarray:
+def _phone_means(source: Recorded, wanted: np.ndarray) -> np.ndarray:
     label = np.empty(len(wanted), object)
     for frame in range(len(wanted)):
-        time = min((frame + 0.5) / source.fps, source.phones[-1].end - 1e-3)
+        time = min((frame + 0.5) / FPS, source.phones[-1].end - 1e-3)
         label[frame] = next(p.symbol for p in source.phones if p.start <= time < p.end)
     means = {symbol: wanted[label == symbol].mean(0) for symbol in set(label)}
     return np.stack([means[symbol] for symbol in label])

@@ -1,29 +1,68 @@
-"""The default avatar's recording as the benchmarks compare it: luma of frames, phones, the boxes that are measured."""
+"""The default avatar's recording as the benchmarks compare it: pictures, phones, the boxes that are measured."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from skimage.metrics import structural_similarity
 
+from app.align.transcript import read_transcript
+from app.engine.background import Box
 from app.engine.frame import Picture, planes, to_rgb
-from app.engine.training.recording import Recording, read
-from app.speech import SILENCE
+from app.engine.pack import FPS
+from app.engine.training.footage import shots
+from app.engine.training.take import Take, passages
+from app.speech import SILENCE, Phone
 
 FOLDER = Path(__file__).parent.parent / "avatars" / "mary"
+VIDEO = FOLDER / "recording" / "recording.mp4"
+BOX = Box(168, 268, 176, 148)
+"""The mouth in the recording's frames."""
 ACTIVE = (slice(11, 139), slice(15, 157))
-"""Rows and columns of the crops in which anything moves: all picture figures are of this box."""
+"""Rows and columns of the box in which anything moves: all picture figures are of these."""
 INNER = (slice(60, 100), slice(60, 118))
 """The inside of the mouth."""
 
 Float = NDArray[np.float32]
 
 
-def recording() -> Recording:
+@dataclass(frozen=True)
+class Recorded:
+    """The recording.
+
+    Attributes:
+        phones: of all of it.
+        luma: (T, h, w) of the box, 0 to 255.
+        rgb: (T, h, w, 3) of the box.
+        still: the first picture.
+    """
+
+    phones: tuple[Phone, ...]
+    luma: Float
+    rgb: NDArray[np.uint8]
+    still: Picture
+
+    @property
+    def take(self) -> Take:
+        """What training is given."""
+        return Take("recording", VIDEO, self.phones)
+
+    def spans(self) -> list[range]:
+        """The frames of each sentence."""
+        return passages(self.phones, len(self.luma))
+
+
+@lru_cache(maxsize=1)
+def recording() -> Recorded:
     """The recording that ships."""
-    return read(FOLDER)
+    pictures = [shot.picture.copy() for shot in shots(VIDEO)]
+    phones = read_transcript(VIDEO.with_suffix(".TextGrid")).alignment(len(pictures) / FPS).phones
+    luma = np.stack([crop_luma(picture) for picture in pictures])
+    return Recorded(phones, luma, np.stack([crop_rgb(picture) for picture in pictures]), pictures[0])
 
 
 def full_range(luma: NDArray[np.uint8] | Float) -> Float:
@@ -32,30 +71,30 @@ def full_range(luma: NDArray[np.uint8] | Float) -> Float:
     return scaled
 
 
-def recorded_luma(source: Recording) -> Float:
-    """(T, h, w) luma of the crops, 0 to 255."""
-    width, height = source.crop.width, source.crop.height
-    return full_range(source.frames[:, : width * height].reshape(-1, height, width))
+def crop_luma(picture: Picture) -> Float:
+    """Luma of the box of a whole picture, 0 to 255."""
+    return full_range(planes(picture)[0][BOX.y : BOX.y + BOX.height, BOX.x : BOX.x + BOX.width])
 
 
-def crop_luma(source: Recording, picture: Picture) -> Float:
-    """Luma of the crop of a whole picture, 0 to 255."""
-    crop = source.crop
-    return full_range(planes(picture)[0][crop.y : crop.y + crop.height, crop.x : crop.x + crop.width])
+def crop_rgb(picture: Picture) -> NDArray[np.uint8]:
+    """RGB of the box of a whole picture."""
+    return to_rgb(picture)[BOX.y : BOX.y + BOX.height, BOX.x : BOX.x + BOX.width]
 
 
-def crop_rgb(source: Recording, picture: Picture) -> NDArray[np.uint8]:
-    """RGB of the crop of a whole picture."""
-    crop = source.crop
-    return to_rgb(picture)[crop.y : crop.y + crop.height, crop.x : crop.x + crop.width]
+def in_box(still: Picture, crop: Box, luma: Float, mask: Float) -> Float:
+    """(h, w) luma of the box, 0 to 255, of a mouth drawn in a model's own crop, on the still."""
+    whole = planes(still)[0].astype(np.float32)
+    place = whole[crop.y : crop.y + crop.height, crop.x : crop.x + crop.width]
+    place += mask * (luma - place)
+    return full_range(whole[BOX.y : BOX.y + BOX.height, BOX.x : BOX.x + BOX.width])
 
 
-def speech_frames(source: Recording) -> NDArray[np.bool_]:
+def speech_frames(source: Recorded) -> NDArray[np.bool_]:
     """(T,) frames that show a phone other than silence."""
-    speaking = np.zeros(len(source.frames), bool)
+    speaking = np.zeros(len(source.luma), bool)
     for phone in source.phones:
         if phone.symbol != SILENCE:
-            speaking[round(phone.start * source.fps) : round(phone.end * source.fps)] = True
+            speaking[round(phone.start * FPS) : round(phone.end * FPS)] = True
     return speaking
 
 
