@@ -28,7 +28,7 @@ from app.engine.training.background_loop import (
 )
 from app.engine.training.corpus import Corpus
 from app.engine.training.registration import UNCORRECTED, Correction
-from app.engine.training.stretches import DISSOLVE, Stretch, choose_stretches, joined
+from app.engine.training.stretches import DISSOLVE, Stretch, joined
 from app.engine.training.survey import cut
 from app.errors import TrainingFailed
 
@@ -265,7 +265,10 @@ def test_the_models_mouth_is_put_into_the_light_of_its_picture(corpus: Corpus, a
 
 @pytest.fixture(scope="module")
 def mixed(corpus: Corpus) -> Mixed:
-    return joined(choose_stretches(corpus, most=120), corpus)
+    """Of two passages, each entered out of the other by a dissolve."""
+    first, second = (corpus.passages[number].frames for number in (0, 1))
+    cut = [Stretch(range(span.start + DISSOLVE, span.stop - DISSOLVE)) for span in (first, second)]
+    return joined(cut, corpus)
 
 
 @pytest.fixture(scope="module")

@@ -63,7 +63,7 @@ def test_what_is_wrong_is_said(tmp_path: Path, change: Callable[[Any], Any], mes
 def test_none_at_all(tmp_path: Path) -> None:
     with pytest.raises(TrainingFailed, match=r"avatar\.json is missing: .*consent") as raised:
         read_identity(tmp_path / "avatar.json")
-    assert "docs/avatars.md" in raised.value.advice
+    assert "docs/training.md" in raised.value.advice
 
 
 @pytest.mark.parametrize("content", [b"{", b"", b"\xff\xfe\x00"])

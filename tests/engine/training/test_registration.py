@@ -74,7 +74,7 @@ def test_a_known_difference_to_the_common_mouth_is_found_and_undone(
     np.testing.assert_array_equal(given_back, common)
     assert distance(found.warp, warp) < 0.2
     assert found.gain == pytest.approx(gain, abs=0.02)
-    assert found.bias == pytest.approx(bias, abs=2.5)
+    assert found.bias == pytest.approx(bias, abs=4.0)  # what gain and bias share
     assert found.tint == pytest.approx(tint, abs=0.7)
     # undone, it is the common mouth
     luma = passage[:SIZE].reshape(HEIGHT, WIDTH)
