@@ -43,8 +43,6 @@ ELLIPSE, FEATHER = (0.24, 0.25), 0.2
 """Radii of the mouth mask in sides of the face box, and the share of them over which it falls from one to zero."""
 MOUTH_BOX = (0.365, 0.30)
 """Width and height of the box that figures are measured in, in sides of the face box."""
-LARGEST_CROP = 224
-"""Pixels of width; recordings of larger faces are made smaller."""
 
 
 @dataclass(frozen=True)
