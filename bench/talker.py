@@ -19,17 +19,20 @@ from pathlib import Path
 import numpy as np
 
 from app.align.agreement import agreement
+from app.align.clips import find_clips
 from app.commands.takes import spoken_takes
 from app.engine.evaluation.measure import Measured, measure
 from app.engine.evaluation.speech import Predict
 from app.engine.evaluation.talker import Talker
+from app.engine.metrics import trajectory_scores
 from app.engine.pack import FPS, load_pack
-from app.engine.training.articulation import LEAD, SMOOTHNESS, TRAINED_SMOOTHNESS, scores_of, spoken_passages
+from app.engine.training.articulation import LEAD, SMOOTHNESS, TRAINED_SMOOTHNESS, predicted_by, spoken_passages
 from app.engine.training.fit_trajectory import Options, Spoken, fit_trajectory, untrained
 from app.engine.training.footage import shots
 from app.engine.training.take import Take
 from app.engine.training.train import learn
 from app.engine.training.workspace import Workspace
+from app.engine.trajectory import GaussianTrajectory
 from bench.report import Report
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -47,7 +50,7 @@ def run() -> list[Report]:
         folder = Path(name)
         _train(report, folder / "s1")
         test, aligned = spoken_takes(
-            [GRID / "test"], [], aligner="pocketsphinx", cache=None, workers=0, progress=lambda _: None
+            find_clips([GRID / "test"]), aligner="pocketsphinx", cache=None, workers=0, progress=lambda _: None
         )
         talker = Talker.of(load_pack(folder / "s1"))
         models = _baselines(folder)
@@ -119,20 +122,25 @@ PLAIN, TRAINED = "one Gaussian a phone, smoothed (eq. 3.2)", "the same, trained 
 def _baselines(folder: Path) -> dict[str, Predict]:
     """Fu 2011's model with its smoothing tuned on every sixth sentence, and the same trained by gradient."""
     takes, _ = spoken_takes(
-        [GRID / "train"], [], aligner="pocketsphinx", cache=None, workers=0, progress=lambda _: None
+        find_clips([GRID / "train"]), aligner="pocketsphinx", cache=None, workers=0, progress=lambda _: None
     )
     spoken, rest = _coefficients(takes, folder)
     learnt = [each for number, each in enumerate(spoken) if number % 6]
     tried = [Options(lead=lead, smoothness=smoothness, contexts=False) for lead in LEAD for smoothness in SMOOTHNESS]
-    errors = [scores_of(untrained(learnt, rest, fps=FPS, options=each), spoken[::6]).error_weighted for each in tried]
+    errors = [_error(untrained(learnt, rest, fps=FPS, options=each), spoken[::6]) for each in tried]
     best = tried[int(np.argmin(errors))]
     plain = untrained(spoken, rest, fps=FPS, options=best)
     settings = [replace(best, smoothness=smoothness) for smoothness in TRAINED_SMOOTHNESS]
-    errors = [
-        scores_of(fit_trajectory(learnt, rest, fps=FPS, options=each), spoken[::6]).error_weighted for each in settings
-    ]
+    errors = [_error(fit_trajectory(learnt, rest, fps=FPS, options=each), spoken[::6]) for each in settings]
     trained = fit_trajectory(spoken, rest, fps=FPS, options=settings[int(np.argmin(errors))])
     return {PLAIN: plain.predict, TRAINED: trained.predict}
+
+
+def _error(model: GaussianTrajectory, held: Sequence[Spoken]) -> float:
+    """Weighted error of a model on sentences."""
+    return trajectory_scores(
+        predicted_by(model, held), [each.coefficients for each in held], model.scale
+    ).error_weighted
 
 
 def _coefficients(takes: Sequence[Take], folder: Path) -> tuple[list[Spoken], np.ndarray]:

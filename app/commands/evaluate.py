@@ -7,6 +7,7 @@ from pathlib import Path
 
 from rich.console import Console
 
+from app.align.clips import find_clips
 from app.commands.long_work import LongWork, shown
 from app.commands.takes import spoken_takes
 from app.errors import InputError
@@ -55,7 +56,7 @@ def run(
     check_writable(output, figures)
     with shown(err, LongWork(STEPS)) as work:
         takes, aligned = spoken_takes(
-            inputs, transcripts, aligner=aligner, cache=None, workers=workers,
+            find_clips(inputs, transcripts), aligner=aligner, cache=None, workers=workers,
             progress=lambda share: work.tell("listening", share),
         )  # fmt: skip
         found = evaluate(avatar, takes, aligned, gains=larger, workers=workers, progress=work.tell)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 
 from rich.console import Console
@@ -18,9 +18,15 @@ class LongWork:
 
     Args:
         shares: of each step in the time of the whole, in order; they need not add up to one.
+
+    Attributes:
+        step, done: what was told last, and the share of the whole.
+        new: whether the step has just begun.
+        news: called after each `tell`.
     """
 
     def __init__(self, shares: Mapping[str, float]) -> None:
+        self.news: Callable[[LongWork], None] = lambda _: None
         total = sum(shares.values())
         self._width = {name: share / total for name, share in shares.items()}
         self._begin: dict[str, float] = {}
@@ -30,12 +36,14 @@ class LongWork:
             at += width
         self.done = 0.0
         self.step = ""
+        self.new = False
 
     def tell(self, step: str, share: float) -> None:
         """Take note of a step's progress; the whole never goes back."""
-        self.step = step
+        self.new, self.step = step != self.step, step
         if step in self._begin:
             self.done = max(self.done, self._begin[step] + self._width[step] * min(share, 1.0))
+        self.news(self)
 
     def left(self, elapsed: float) -> float | None:
         """Seconds left after so many; None before that can be told."""
@@ -58,7 +66,14 @@ def shown(console: Console, work: LongWork) -> Iterator[LongWork]:
     """Show the work while it goes on."""
     begin = time.monotonic()
     if not console.is_terminal:
-        yield _Lines(console, work, begin)
+
+        def print_line(now: LongWork) -> None:
+            if now.new:
+                left = told(now.left(time.monotonic() - begin))
+                console.print(f"mary: {now.step}" + (f" ({left})" if left else ""), highlight=False)
+
+        work.news = print_line
+        yield work
         return
     columns = (
         SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:>3.0f} %"),
@@ -66,28 +81,10 @@ def shown(console: Console, work: LongWork) -> Iterator[LongWork]:
     )  # fmt: skip
     with Progress(*columns, console=console, transient=True) as progress:
         task = progress.add_task("starting", total=1.0, left="")
-        yield _Bar(progress, task, work, begin)
 
+        def move_bar(now: LongWork) -> None:
+            left = told(now.left(time.monotonic() - begin))
+            progress.update(task, description=now.step, completed=now.done, left=left)
 
-class _Bar(LongWork):
-    def __init__(self, progress: Progress, task: object, work: LongWork, begin: float) -> None:
-        self.__dict__.update(work.__dict__)
-        self._progress, self._task, self._start = progress, task, begin
-
-    def tell(self, step: str, share: float) -> None:
-        super().tell(step, share)
-        left = told(self.left(time.monotonic() - self._start))
-        self._progress.update(self._task, description=step, completed=self.done, left=left)  # type: ignore[arg-type]
-
-
-class _Lines(LongWork):
-    def __init__(self, console: Console, work: LongWork, begin: float) -> None:
-        self.__dict__.update(work.__dict__)
-        self._console, self._start = console, begin
-
-    def tell(self, step: str, share: float) -> None:
-        new = step != self.step
-        super().tell(step, share)
-        if new:
-            left = told(self.left(time.monotonic() - self._start))
-            self._console.print(f"mary: {step}" + (f" ({left})" if left else ""), highlight=False)
+        work.news = move_bar
+        yield work

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from app.align.align_clips import Aligned, align_clips
-from app.align.clips import find_clips
+from app.align.clips import Clip
 from app.align.registry import create
 from app.engine.training.take import Take
 from app.engine.training.workers import cores
@@ -14,19 +14,17 @@ from app.errors import InputError
 
 
 def spoken_takes(
-    inputs: Sequence[Path],
-    transcripts: Sequence[Path],
+    clips: Sequence[Clip],
     *,
     aligner: str,
     cache: Path | None,
     workers: int,
     progress: Callable[[float], None],
 ) -> tuple[list[Take], Aligned]:
-    """Find the clips and when their phones sound.
+    """Find when the phones of clips sound.
 
     Args:
-        inputs: videos, or folders of them.
-        transcripts: files or folders; none: beside the videos.
+        clips: as `app.align.clips.find_clips` finds them.
         aligner: its name (`app.align.registry`).
         cache: folder that keeps alignments, or None.
         workers: aligners at once; 0 for one a core.
@@ -36,10 +34,9 @@ def spoken_takes(
         a take for every clip that can be used, and what became of all clips.
 
     Raises:
-        InputError: no videos, or none that can be used.
+        InputError: no clip can be used.
         NotFound, MissingExtra: the aligner.
     """
-    clips = find_clips(inputs, transcripts)
     count = workers or cores()
     aligned = align_clips(clips, lambda: create(aligner), cache=cache, workers=count, progress=progress)
     if not aligned.spoken:

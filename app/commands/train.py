@@ -82,7 +82,7 @@ def run(
     used: list[str] = []
     with _alone(_made(workspace)), _resumable(err), shown(err, LongWork(STEPS)) as work:
         takes, aligned = spoken_takes(
-            inputs, transcripts, aligner=aligner, cache=workspace / "alignments", workers=workers,
+            clips, aligner=aligner, cache=workspace / "alignments", workers=workers,
             progress=lambda share: work.tell("listening", share),
         )  # fmt: skip
         for each in aligned.refused:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from app.engine.background import Background, Planes, chroma_map
 from app.engine.modes import MESH_STEP, Modes, split_texture
-from app.engine.simplex import exact_on_simplex
+from app.engine.simplex import least_squares_on_simplex
 from app.engine.warp import forward_warp, pixel_grid, sample
 
 Float = NDArray[np.float32]
@@ -102,7 +102,7 @@ class Conversion:
         """
         alpha = self._gain @ (self._modes.flow(coefficients)).reshape(-1)
         target = np.asarray(self._axes @ coefficients[self._modes.flow_count :], np.float64)
-        return alpha.astype(np.float32), exact_on_simplex(self._gram, target).astype(np.float32)
+        return alpha.astype(np.float32), least_squares_on_simplex(self._gram, target).astype(np.float32)
 
 
 def alpha_gain(flows: Float) -> NDArray[np.float64]:

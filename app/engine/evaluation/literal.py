@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from app.engine.mmm import MorphableModel, pull
 from app.engine.modes import MESH_STEP, Modes, split_texture
-from app.engine.simplex import exact_on_simplex
+from app.engine.simplex import least_squares_on_simplex
 
 Float = NDArray[np.float32]
 Array = NDArray[np.float64]
@@ -52,7 +52,7 @@ class LiteralReader:
         height, width = flow.shape[:2]
         shown = (alpha.astype(np.float32) @ self._flows).reshape(flow.shape)
         pulled = pull(split_texture(frame.astype(np.float32), width, height), shown)[: height * width]
-        beta = exact_on_simplex(self._gram, self._blend @ pulled.astype(np.float64))
+        beta = least_squares_on_simplex(self._gram, self._blend @ pulled.astype(np.float64))
         return alpha.astype(np.float32), beta.astype(np.float32)
 
 

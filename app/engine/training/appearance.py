@@ -34,6 +34,8 @@ LEAST_MOVING = 0.7
 """Luma levels by which the pixels of a mouth that speaks differ from their mean in its passage, at least."""
 SILENT_SHARE = 0.08
 """Of the silent frames that are clustered with the speaking ones: else half of all prototypes are closed mouths."""
+PIECE = 64
+"""Frames that a process is given at once."""
 SAMPLED = 6000
 """Frames that modes are learnt from at most, evenly spread; all are analysed."""
 
@@ -65,8 +67,6 @@ class Appearance:
         morphable: prototypes and flows.
         modes: the serving form, without detail.
         coefficients: (T, K) of every frame; zero where `Corpus.good` is false.
-        looks: the space that frames were compared in.
-        landmarks: for the flow to frames not seen yet.
         prototypes: frame numbers.
         rest: (K,) the mouth at rest.
     """
@@ -74,8 +74,6 @@ class Appearance:
     morphable: MorphableModel
     modes: Modes
     coefficients: Float
-    looks: Looks
-    landmarks: Landmarks
     prototypes: tuple[int, ...]
     rest: Float
 
@@ -145,7 +143,7 @@ def learn_appearance(
         landmarks.known.flows[places].astype(np.float32), prototypes.index(reference),
     )  # fmt: skip
     rest = coefficients[at_rest].mean(0)
-    return Appearance(morphable, modes, coefficients, looks, landmarks.known, tuple(chosen), rest)
+    return Appearance(morphable, modes, coefficients, tuple(chosen), rest)
 
 
 def _speaking(corpus: Corpus) -> NDArray[np.bool_]:
@@ -218,16 +216,22 @@ def _landmarks(
         return {"numbers": good[places], "luma": luma, "space": found.space, "flows": found.flows, "at": np.array(at)}
 
     stored = workspace.step("landmarks", of_frames, compute)
-    known = Landmarks(stored["luma"].astype(np.float32), stored["space"], stored["flows"], int(stored["at"]))
-    return _Numbered(stored["numbers"], known)
+    return _Numbered(stored["numbers"], _read_landmarks(stored))
+
+
+def _read_landmarks(stored: dict[str, NDArray[Any]]) -> Landmarks:
+    return Landmarks(stored["luma"].astype(np.float32), stored["space"], stored["flows"], int(stored["at"]))
+
+
+def _pieces(numbers: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+    return [numbers[start : start + PIECE] for start in range(0, len(numbers), PIECE)]
 
 
 def _each(
-    work: Callable[[NDArray[np.int64]], None], good: NDArray[np.int64], progress: Progress, name: str, workers: int
+    work: Callable[[NDArray[np.int64]], None], numbers: NDArray[np.int64], progress: Progress, name: str, workers: int
 ) -> None:
-    """Work on the good frames in pieces, in parallel."""
-    pieces = [good[start : start + 64] for start in range(0, len(good), 64)]
-    for _ in in_parallel(work, pieces, workers=workers, progress=lambda share: progress(name, share)):
+    """Work on frames in pieces, in parallel."""
+    for _ in in_parallel(work, _pieces(numbers), workers=workers, progress=lambda share: progress(name, share)):
         pass
 
 
@@ -235,7 +239,7 @@ def _each(
 def _stored_landmarks(folder: Path, of_frames: str) -> Landmarks:
     stored = Workspace(folder).kept("landmarks", of_frames)
     assert stored is not None
-    return Landmarks(stored["luma"].astype(np.float32), stored["space"], stored["flows"], int(stored["at"]))
+    return _read_landmarks(stored)
 
 
 def _write_flows(
@@ -245,12 +249,11 @@ def _write_flows(
     """Flows of some frames, on mesh vertices, into the store."""
     landmarks = _stored_landmarks(folder, key)
     width, height = size
-    for block in np.array_split(numbers, max(1, len(numbers) // 64)):
-        flat = frames.take(block)
-        for number, frame, look in zip(block, flat, looks.of(flat), strict=True):
-            luma = frame[: width * height].reshape(height, width).astype(np.float32)
-            flow = landmarks.flow_to(luma, look)
-            store.write(int(number), flow[None, ::MESH_STEP, ::MESH_STEP])
+    flat = frames.take(numbers)
+    for number, frame, look in zip(numbers, flat, looks.of(flat), strict=True):
+        luma = frame[: width * height].reshape(height, width).astype(np.float32)
+        flow = landmarks.flow_to(luma, look)
+        store.write(int(number), flow[None, ::MESH_STEP, ::MESH_STEP])
 
 
 def _modes(
@@ -267,12 +270,10 @@ def _modes(
     )  # fmt: skip
 
     def fill(store: FrameStore) -> None:
-        pieces = [np.arange(start, min(start + 64, len(sample))) for start in range(0, len(sample), 64)]
         work = partial(
             _write_textures, sample=sample, frames=corpus.frames, flows=flows, modes=modes, weights=weights, store=store
         )
-        for _ in in_parallel(work, pieces, workers=workers, progress=lambda share: progress("textures", share)):
-            pass
+        _each(work, np.arange(len(sample)), progress, "textures", workers)
 
     textures = workspace.store("textures", of_frames, len(sample), (pixels,), np.uint8, fill)
     progress("modes", 0.5)
@@ -303,7 +304,7 @@ def _analysed(
     workers: int,
 ) -> Float:  # fmt: skip
     coefficients = np.zeros((len(corpus.frames), modes.count), np.float32)
-    pieces = [good[start : start + 64] for start in range(0, len(good), 64)]
+    pieces = _pieces(good)
     work = partial(_analyse_some, frames=corpus.frames, flows=flows, modes=modes, weights=weights)
     found = in_parallel(work, pieces, workers=workers, progress=lambda share: progress("analysis", share))
     for piece, rows in zip(pieces, found, strict=True):
@@ -317,25 +318,3 @@ def _analyse_some(
     analysis = Analysis(modes, weights)
     each = zip(frames.take(numbers), flows.take(numbers), strict=True)
     return np.stack([analysis(frame, vertices.astype(np.float32)) for frame, vertices in each])
-
-
-def analyse(
-    corpus: Corpus, modes: Modes, looks: Looks, landmarks: Landmarks, numbers: NDArray[np.int64]
-) -> Iterator[tuple[NDArray[np.uint8], Float, Float]]:
-    """Frames of a corpus, the dense flow to each and its coefficients: how unseen frames are read.
-
-    Args:
-        corpus: whose frames.
-        modes, looks, landmarks: of the appearance to read them by.
-        numbers: which frames.
-
-    Yields:
-        planes (P,), flow (H, W, 2), coefficients (K,).
-    """
-    width, height = corpus.crop.width, corpus.crop.height
-    analysis = Analysis(modes, Weights.of(importance(corpus.crop, corpus.layout.side)))
-    for start in range(0, len(numbers), 64):
-        frames = corpus.frames.take(numbers[start : start + 64])
-        for frame, look in zip(frames, looks.of(frames), strict=True):
-            flow = landmarks.flow_to(frame[: width * height].reshape(height, width).astype(np.float32), look)
-            yield frame, flow, analysis(frame, flow[::MESH_STEP, ::MESH_STEP])

@@ -160,11 +160,6 @@ def predicted_by(model: GaussianTrajectory, held: Sequence[Spoken]) -> list[Floa
     return [model.predict(each.phones, len(each.counted)) for each in held]
 
 
-def scores_of(model: GaussianTrajectory, held: Sequence[Spoken]) -> TrajectoryScores:
-    """A model against what was seen."""
-    return trajectory_scores(predicted_by(model, held), [each.coefficients for each in held], model.scale)
-
-
 def _scored(models: Sequence[GaussianTrajectory], folds: Sequence[_Fold]) -> tuple[TrajectoryScores, list[Float]]:
     """A model for each fold against what its fold has left out, all of it together; and what they say."""
     predicted = [rows for model, fold in zip(models, folds, strict=True) for rows in predicted_by(model, fold.held)]

@@ -225,7 +225,6 @@ class Bake:
         self.mouth.draw(self.rest, index, drawn)
         light = shown.light
         rest = [drawn.luma * light.gain + light.bias, drawn.blue + light.tint[0], drawn.red + light.tint[1]]
-        rest = [np.array(plane) for plane in rest]
         own = self.rest if shown.coefficients is None else shown.coefficients
         self.mouth.draw(own, index, drawn)
         model = [drawn.luma * light.gain + light.bias, drawn.blue + light.tint[0], drawn.red + light.tint[1]]

@@ -21,15 +21,13 @@ from app.engine.mmm import MorphableModel
 from app.engine.modes import MESH_STEP, Modes
 from app.engine.pack import FPS, Consent, Manifest, Pack
 from app.engine.training import articulation
-from app.engine.training.appearance import Appearance, Looks
+from app.engine.training.appearance import Appearance
 from app.engine.training.articulation import learn_articulation, spoken_passages
 from app.engine.training.corpus import Corpus, Passage
-from app.engine.training.em_pca import Components
 from app.engine.training.face_detector import FaceBox
 from app.engine.training.face_tracker import template_of
 from app.engine.training.footage import shots
 from app.engine.training.frame_store import FrameStore
-from app.engine.training.landmark_flow import Landmarks
 from app.engine.training.layout import Layout
 from app.engine.training.registration import UNCORRECTED
 from app.engine.training.survey import cut
@@ -174,11 +172,8 @@ def _appearance(corpus: Corpus) -> Appearance:
     chosen = (3, 14, 17)
     flows = np.random.default_rng(1).normal(0, 1, (3, CROP.height, CROP.width, 2)).astype(np.float32)
     flows[1] = 0
-    luma = everything[list(chosen), : CROP.width * CROP.height].reshape(3, CROP.height, CROP.width)
-    looks = Looks(Components(mean[: luma[0].size], axes[:, : luma[0].size], np.ones(3)), corpus.mask)
     return Appearance(
-        MorphableModel(CROP.width, CROP.height, everything[list(chosen)], flows, 1), modes, coefficients, looks,
-        Landmarks(luma, np.zeros((3, 3), np.float32), flows.astype(np.float16), 1), chosen,
+        MorphableModel(CROP.width, CROP.height, everything[list(chosen)], flows, 1), modes, coefficients, chosen,
         coefficients[corpus.good & corpus.rest].mean(0),
     )  # fmt: skip
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from app.engine.mmm import MorphableModel
 from app.engine.modes import Modes, draw_crop
-from app.engine.training.appearance import PROTOTYPES, Appearance, analyse, learn_appearance
+from app.engine.training.appearance import PROTOTYPES, Appearance, learn_appearance
 from app.engine.training.corpus import Corpus
 from app.engine.training.frame_store import FrameStore
 from app.engine.training.layout import mouth_box
@@ -118,17 +118,6 @@ def test_other_phones_of_the_same_frames_are_learnt_anew(
     )
     assert "landmarks" in told
     assert not np.array_equal(other.rest, appearance.rest)
-
-
-def test_unseen_frames_are_read_as_learnt_ones_are(corpus: Corpus, appearance: Appearance) -> None:
-    numbers = np.flatnonzero(corpus.good)[40:180:7]
-    found = list(analyse(corpus, appearance.modes, appearance.looks, appearance.landmarks, numbers))
-    spread = appearance.coefficients[corpus.good].std(0)
-    for number, (flat, flow, coefficients) in zip(numbers, found, strict=True):
-        np.testing.assert_array_equal(flat, corpus.frames.take([int(number)])[0])
-        assert flow.shape == (56, 64, 2)
-        off = (coefficients - appearance.coefficients[number]) / spread  # flows are stored in half precision
-        assert np.abs(off).max() < 0.1
 
 
 def test_a_recording_without_rest(corpus: Corpus, tmp_path: Path) -> None:
