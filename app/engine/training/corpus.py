@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -140,6 +140,53 @@ def gather(
     Raises:
         TrainingFailed: a file is missing, no take can be used, or they are too short together.
     """
+    _check(takes)
+    fingerprints = [fingerprint(take) for take in takes]
+    given = layout is not None
+    progress("finding the face", 0)
+    if layout is None:
+        files = key([_file(take) for take in takes])
+        layout = _layout(workspace.step("layout", files, lambda: _layout_arrays(lay_out(takes)[0])))
+    of_layout = key(*_layout_arrays(layout).values())
+    keys = [key(of_layout, each) for each in fingerprints]
+    surveys, refused = _surveyed(takes, layout, keys, workspace, progress, workers)
+    used = sorted(surveys)
+    seen = [surveys[number] for number in used]
+    seconds = sum(int(each.good.sum()) for each in seen) / FPS
+    if not given and seconds < LEAST_SECONDS:
+        reasons = "; ".join(f"{each.take}: {each.reason}" for each in refused[:3])
+        raise TrainingFailed(
+            f"{seconds:.0f} s of usable pictures are too little to learn a mouth from{reasons and f' ({reasons})'}",
+            advice=f"Give at least {LEAST_SECONDS:.0f} s; a page read aloud (two minutes and more) is good.",
+        )
+    rest, rested = (np.concatenate([getattr(each, name) for each in seen]) for name in ("rest", "rested"))
+    corrections, common = register(rest, rested, face_mask(layout.crop, layout.side), common=common)
+    chosen = tuple(takes[number] for number in used)
+    starts = np.concatenate([[0], np.cumsum([each.frames for each in seen])]).astype(np.int64)
+    parts = tuple(_passages(chosen, starts))
+    poses = np.concatenate([each.poses for each in seen])
+    jobs = [
+        _Cut(
+            take, int(starts[index]), poses[starts[index] : starts[index + 1]],
+            tuple((part, corrections[at]) for at, part in enumerate(parts) if part.take == index),
+        )
+        for index, take in enumerate(chosen)
+    ]  # fmt: skip
+    of_cuts = key(of_layout, [fingerprints[number] for number in used], rest, rested, common)
+    frames = _cut_out(jobs, layout.crop, int(starts[-1]), of_cuts, workspace, progress, workers)
+    refused += [refusal for each in seen for refusal in each.refused]
+    return Corpus(
+        layout=layout, takes=chosen, starts=starts, poses=poses,
+        residual=np.concatenate([each.residual for each in seen]),
+        good=np.concatenate([each.good for each in seen]),
+        rest=np.concatenate([resting(take.phones, each.frames) for take, each in zip(chosen, seen, strict=True)]),
+        passages=parts, corrections=tuple(corrections), common=common, frames=frames,
+        thumbs=np.concatenate([each.thumbs for each in seen]),
+        refused=tuple(sorted(refused, key=lambda each: (each.take, -1 if each.frame is None else each.frame))),
+    )  # fmt: skip
+
+
+def _check(takes: Sequence[Take]) -> None:
     if not takes:
         raise TrainingFailed("there is nothing to learn from")
     name, uses = Counter(take.name for take in takes).most_common(1)[0]
@@ -147,25 +194,20 @@ def gather(
         raise TrainingFailed(f"{uses} takes are called {name}")
     for take in takes:
         check_phones(take.phones, take.name)
-    fingerprints = [fingerprint(take) for take in takes]
-    given = layout is not None
-    progress("finding the face", 0)
-    if layout is None:
-        files = key([_file(take) for take in takes])
-        stored = workspace.step("layout", files, lambda: _layout_arrays(lay_out(takes)[0]))
-        layout = _layout(stored)
-    of_layout = key(*_layout_arrays(layout).values())
+
+
+def _surveyed(
+    takes: Sequence[Take], layout: Layout, keys: Sequence[str], workspace: Workspace, progress: Progress, workers: int
+) -> tuple[dict[int, Survey], list[Refusal]]:
+    """The surveys of takes, by number: kept ones and new ones; and the takes that cannot be used."""
     surveys: dict[int, Survey] = {}
     refused: list[Refusal] = []
-    keys = [key(of_layout, each) for each in fingerprints]
-    waiting = []
-    for number in range(len(takes)):
+    for number, take in enumerate(takes):
         kept = workspace.kept(f"survey{number}", keys[number])
-        if kept is None:
-            waiting.append(number)
-        else:
-            surveys[number] = _survey(kept, takes[number].name)
-    done = len(takes) - len(waiting)
+        if kept is not None:
+            surveys[number] = _survey(kept, take.name)
+    waiting = [number for number in range(len(takes)) if number not in surveys]
+    done = len(surveys)
     results = in_parallel(
         partial(_try_survey, layout=layout), [takes[number] for number in waiting], workers=workers,
         progress=lambda share: progress("following the face", (done + share * len(waiting)) / len(takes)),
@@ -176,56 +218,30 @@ def gather(
         else:
             surveys[number] = result
             workspace.keep(f"survey{number}", keys[number], _survey_arrays(result))
-    used = sorted(surveys)
-    seconds = sum(int(surveys[number].good.sum()) for number in used) / FPS
-    if not given and seconds < LEAST_SECONDS:
-        reasons = "; ".join(f"{each.take}: {each.reason}" for each in refused[:3])
-        raise TrainingFailed(
-            f"{seconds:.0f} s of usable pictures are too little to learn a mouth from{reasons and f' ({reasons})'}",
-            advice=f"Give at least {LEAST_SECONDS:.0f} s; a page read aloud (two minutes and more) is good.",
-        )
-    mask = face_mask(layout.crop, layout.side)
-    rest = np.concatenate([surveys[number].rest for number in used])
-    rested = np.concatenate([surveys[number].rested for number in used])
-    corrections, common = register(rest, rested, mask, common=common)
-    chosen = tuple(takes[number] for number in used)
-    starts = np.concatenate([[0], np.cumsum([surveys[number].frames for number in used])]).astype(np.int64)
-    parts: list[Passage] = []
-    for index, take in enumerate(chosen):
-        for span in passages(take.phones, int(starts[index + 1] - starts[index])):
-            at = int(starts[index])
-            parts.append(Passage(index, range(at + span.start, at + span.stop), span.start))
-    poses = np.concatenate([surveys[number].poses for number in used])
-    jobs = [
-        _Cut(
-            take, int(starts[index]), poses[starts[index] : starts[index + 1]],
-            tuple((part, corrections[at]) for at, part in enumerate(parts) if part.take == index),
-        )
-        for index, take in enumerate(chosen)
-    ]  # fmt: skip
-    pixels = layout.crop.width * layout.crop.height * 3 // 2
+    return surveys, refused
+
+
+def _passages(takes: Sequence[Take], starts: NDArray[np.int64]) -> Iterator[Passage]:
+    """The passages of all takes, in corpus frames."""
+    for index, take in enumerate(takes):
+        at = int(starts[index])
+        for span in passages(take.phones, int(starts[index + 1]) - at):
+            yield Passage(index, range(at + span.start, at + span.stop), span.start)
+
+
+def _cut_out(
+    jobs: Sequence[_Cut], crop: Box, count: int, of_cuts: str, workspace: Workspace, progress: Progress, workers: int
+) -> FrameStore:
+    """The mouths of all takes, on disk."""
 
     def fill(store: FrameStore) -> None:
         for _ in in_parallel(
-            partial(_cut_take, crop=layout.crop, store=store), jobs, workers=workers,
+            partial(_cut_take, crop=crop, store=store), jobs, workers=workers,
             progress=lambda share: progress("cutting out the mouth", share),
         ):  # fmt: skip
             pass
 
-    of_cuts = key(of_layout, [fingerprints[number] for number in used], rest, rested, common)
-    frames = workspace.store("frames", of_cuts, int(starts[-1]), (pixels,), np.uint8, fill)
-    refused += [refusal for number in used for refusal in surveys[number].refused]
-    return Corpus(
-        layout=layout, takes=chosen, starts=starts, poses=poses,
-        residual=np.concatenate([surveys[number].residual for number in used]),
-        good=np.concatenate([surveys[number].good for number in used]),
-        rest=np.concatenate(
-            [resting(take.phones, int(starts[i + 1] - starts[i])) for i, take in enumerate(chosen)]
-        ),
-        passages=tuple(parts), corrections=tuple(corrections), common=common, frames=frames,
-        thumbs=np.concatenate([surveys[number].thumbs for number in used]),
-        refused=tuple(sorted(refused, key=lambda each: (each.take, -1 if each.frame is None else each.frame))),
-    )  # fmt: skip
+    return workspace.store("frames", of_cuts, count, (crop.width * crop.height * 3 // 2,), np.uint8, fill)
 
 
 def _try_survey(take: Take, layout: Layout) -> Survey | str:
