@@ -5,6 +5,7 @@
     - `InputError`: the caller's input is wrong (422)
         - `NothingToSay`: no readable text
         - `TooLong`: over a configured limit (413)
+        - `TrainingFailed`: a recording cannot be turned into an avatar
     - `NotFound`: unknown avatar, voice, stream, utterance or plug-in (404)
     - `Gone`: it existed and has ended (410)
     - `NotReady`: it is still being made (409)
@@ -14,7 +15,7 @@
     - `SpeechFailed`: a speech engine failed; names the engine (502)
     - `AlignmentFailed`: an aligner failed; names the aligner (502)
     - `NegotiationFailed`: a WebRTC offer cannot be answered (400)
-    - `TrainingFailed`: a recording cannot be turned into an avatar
+    - `TrainingStopped`: training could not go on, though nothing is wrong with the recording: a full disk, say
 """
 
 from __future__ import annotations
@@ -95,5 +96,9 @@ class NegotiationFailed(MaryError):
     status, slug, title = 400, "negotiation-failed", "WebRTC negotiation failed"
 
 
-class TrainingFailed(MaryError):
+class TrainingFailed(InputError):
     slug, title = "training-failed", "Training failed"
+
+
+class TrainingStopped(MaryError):
+    slug, title = "training-stopped", "Training stopped"

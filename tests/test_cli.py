@@ -136,10 +136,10 @@ def test_wrong_input_is_one_line_and_exit_code_2(mary, tmp_path: Path, arguments
     assert list(tmp_path.iterdir()) == []
 
 
-def test_training_without_consent_is_exit_code_1(mary, tmp_path: Path) -> None:
+def test_training_without_consent_is_exit_code_2(mary, tmp_path: Path) -> None:
     (tmp_path / "anna.mp4").write_bytes(b"")
     ended = mary("train", "anna.mp4", "-o", "out")
-    assert ended.returncode == 1
+    assert ended.returncode == 2
     assert "consent" in ended.stderr
     assert "Traceback" not in ended.stderr
     assert not (tmp_path / "out").exists()

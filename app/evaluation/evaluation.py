@@ -18,7 +18,6 @@ from app.engine.threads import one_thread_a_call
 from app.engine.training.corpus import Progress
 from app.engine.training.take import Refusal, Take
 from app.engine.training.workspace import Workspace
-from app.errors import InputError, TrainingFailed
 
 VERSION = 1
 """Of the machine-readable form: raised when a figure changes its meaning or its place."""
@@ -89,11 +88,8 @@ def evaluate(
     """
     one_thread_a_call()
     with tempfile.TemporaryDirectory(prefix="mary-evaluate-") as folder:
-        try:
-            talker = Talker.of(load_pack(avatar))
-            measured = measure(talker, takes, Workspace(Path(folder)), gains=gains, workers=workers, progress=progress)
-        except TrainingFailed as error:
-            raise InputError(error.message, advice=error.advice) from error
+        talker = Talker.of(load_pack(avatar))
+        measured = measure(talker, takes, Workspace(Path(folder)), gains=gains, workers=workers, progress=progress)
     refused = [Refusal(each.clip.name, None, each.reason) for each in aligned.refused]
     notes = tuple(_notes(measured, talker))
     return Evaluation(talker.name, measured, agreement(aligned.spoken), (*refused, *measured.refused), notes)

@@ -43,7 +43,7 @@ from app.engine.training.survey import survey
 from app.engine.training.take import Take
 from app.engine.training.workspace import Workspace
 from app.engine.training.write_clips import write_idle, write_loop
-from app.errors import TrainingFailed
+from app.errors import TrainingFailed, TrainingStopped
 from app.speech import SILENCE, Phone
 
 
@@ -130,7 +130,8 @@ def train(
         extras: called with what was learnt, the finished pack and its folder: writes what belongs beside it.
 
     Raises:
-        TrainingFailed: the takes cannot be learnt from, or the output cannot be written.
+        TrainingFailed: the takes cannot be learnt from.
+        TrainingStopped: the output cannot be written, or a process was killed.
     """
     workspace = Workspace(workspace_of(output))
     learnt = learn(
@@ -156,7 +157,7 @@ def train(
         write_idle(draft / IDLE, baked.pictures[:-1], FPS)
         preview = to_rgb(baked.pictures[0])[..., ::-1]
         if not cv2.imwrite(str(draft / PREVIEW), preview, [cv2.IMWRITE_JPEG_QUALITY, 92]):
-            raise TrainingFailed(f"{draft / PREVIEW} could not be written")
+            raise TrainingStopped(f"{draft / PREVIEW} could not be written")
         width, height = corpus.layout.size
         manifest = Manifest(
             format=1, fps=FPS, width=width, height=height, loop_frames=baked.frames, files=checksums(draft),
@@ -173,8 +174,8 @@ def train(
     return manifest
 
 
-def _unwritten(output: Path, error: OSError) -> TrainingFailed:
-    return TrainingFailed(
+def _unwritten(output: Path, error: OSError) -> TrainingStopped:
+    return TrainingStopped(
         f"{output} cannot be written: {error.strerror or error}",
         advice="Make room on the disk and run the same command again: the finished steps are kept.",
     )

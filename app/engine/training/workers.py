@@ -11,7 +11,7 @@ from concurrent.futures.process import BrokenProcessPool
 from typing import TypeVar
 
 from app.engine.threads import one_thread_a_call
-from app.errors import TrainingFailed
+from app.errors import TrainingStopped
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -38,7 +38,7 @@ def in_parallel(
         progress: told the share done.
 
     Raises:
-        TrainingFailed: a process was killed, as happens when memory runs out.
+        TrainingStopped: a process was killed, as happens when memory runs out.
     """
     count = min(workers or cores(), len(items))
     if count <= 1:
@@ -52,7 +52,7 @@ def in_parallel(
             yield result
             progress((number + 1) / len(items))
     except BrokenProcessPool as error:
-        raise TrainingFailed(
+        raise TrainingStopped(
             "a process of the training was killed", advice="If memory ran out, give it more or fewer workers."
         ) from error
     finally:

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.engine.training.frame_store import FrameStore
-from app.errors import TrainingFailed
+from app.errors import TrainingStopped
 
 VERSION = 1
 """Of what the steps compute: raise it, and nothing of older runs is used any more."""
@@ -84,7 +84,7 @@ class Workspace:
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise TrainingFailed(f"{self.folder} cannot be made: {error.strerror or error}") from error
+            raise TrainingStopped(f"{self.folder} cannot be made: {error.strerror or error}") from error
 
     def _keep(self, path: Path, arrays: Arrays) -> None:
         self._make_room()
@@ -117,7 +117,7 @@ def _writing(path: Path) -> Iterator[None]:
         with suppress(OSError):
             path.unlink()
         if isinstance(error, OSError):
-            raise TrainingFailed(
+            raise TrainingStopped(
                 f"{path.parent} cannot be written: {error.strerror or error}",
                 advice="Make room on the disk, or name another output; the finished steps are kept.",
             ) from error

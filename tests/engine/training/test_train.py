@@ -26,7 +26,7 @@ from app.engine.training.identity import Identity, read_identity
 from app.engine.training.take import Take
 from app.engine.training.train import Learnt, learn, train, workspace_of
 from app.engine.training.workspace import Workspace
-from app.errors import TrainingFailed
+from app.errors import TrainingFailed, TrainingStopped
 from app.speech import SILENCE, Phone
 
 AGAIN = {"finding the face", "trajectories", "background", "writing"}
@@ -220,7 +220,7 @@ def test_a_full_disk_is_said_and_keeps_the_old_pack_and_the_steps(
     (workspace_of(output) / "looks-0.npz").write_bytes(b"kept")
     full = OSError(errno.ENOSPC, "No space left on device")
     monkeypatch.setattr(module.tempfile if fails == "mkdtemp" else module, fails, raises(full))
-    with pytest.raises(TrainingFailed, match=r"mary cannot be written: No space left on device") as raised:
+    with pytest.raises(TrainingStopped, match=r"mary cannot be written: No space left on device") as raised:
         train(takes, identity, output)
     assert "Make room" in raised.value.advice
     assert contents(output) == before
@@ -234,7 +234,7 @@ def test_a_video_that_finds_no_room_is_said_too(
 ) -> None:
     write = module.write_loop
     monkeypatch.setattr(module, "write_loop", lambda _, *rest: write(Path("/dev/full"), *rest))
-    with pytest.raises(TrainingFailed, match=r"mary cannot be written: No space left on device"):
+    with pytest.raises(TrainingStopped, match=r"mary cannot be written: No space left on device"):
         train(takes, identity, tmp_path / "mary")
     assert not (tmp_path / "mary").exists()
 
@@ -244,7 +244,7 @@ def test_a_preview_that_cannot_be_written(
     takes: list[Take], identity: Identity, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(module.cv2, "imwrite", lambda *_: False)
-    with pytest.raises(TrainingFailed, match=r"preview\.jpg could not be written"):
+    with pytest.raises(TrainingStopped, match=r"preview\.jpg could not be written"):
         train(takes, identity, tmp_path / "mary")
     assert list(tmp_path.iterdir()) == []
 
@@ -258,7 +258,7 @@ def test_a_disk_that_fills_up_while_learning_keeps_finished_steps(
     coefficients.unlink()
     kept = sorted(path.name for path in workspace_of(output).iterdir())
     monkeypatch.setattr(np, "savez", raises(OSError(errno.ENOSPC, "No space left on device")))
-    with pytest.raises(TrainingFailed, match="No space left on device") as raised:
+    with pytest.raises(TrainingStopped, match="No space left on device") as raised:
         train(takes, identity, output, workers=1)
     assert "finished steps are kept" in raised.value.advice
     left = [path.name for path in workspace_of(output).iterdir() if path.suffix != ".part"]

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from app.engine.training.workers import cores, in_parallel
-from app.errors import TrainingFailed
+from app.errors import TrainingStopped
 
 HERE = Path(__file__).parent
 
@@ -29,7 +29,7 @@ def die(number: int) -> int:
 
 def fail(number: int) -> int:
     if number == 2:
-        raise TrainingFailed(f"number {number} is broken", advice="Mend it.")
+        raise TrainingStopped(f"number {number} is broken", advice="Mend it.")
     return number
 
 
@@ -72,7 +72,7 @@ def test_workers_start_no_threads() -> None:
 
 
 def test_a_killed_worker_ends_the_training_with_advice() -> None:
-    with pytest.raises(TrainingFailed, match="a process of the training was killed") as raised:
+    with pytest.raises(TrainingStopped, match="a process of the training was killed") as raised:
         list(in_parallel(die, range(6), workers=2))
     assert "memory" in raised.value.advice
 
@@ -81,7 +81,7 @@ def test_a_killed_worker_ends_the_training_with_advice() -> None:
 def test_what_goes_wrong_in_a_worker_comes_out_as_it_is(workers: int) -> None:
     results = in_parallel(fail, range(5), workers=workers)
     assert [next(results), next(results)] == [0, 1]
-    with pytest.raises(TrainingFailed, match="number 2 is broken") as raised:
+    with pytest.raises(TrainingStopped, match="number 2 is broken") as raised:
         next(results)
     assert raised.value.advice == "Mend it."
 

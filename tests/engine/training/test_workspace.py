@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from app.engine.training import workspace as module
 from app.engine.training.frame_store import FrameStore
 from app.engine.training.workspace import Arrays, Workspace, key
-from app.errors import TrainingFailed
+from app.errors import TrainingStopped
 
 ONE: Arrays = {
     "floats": np.linspace(0, 1, 7, dtype=np.float32), "flags": np.array([True, False]),
@@ -146,7 +146,7 @@ def full(*_: object, **__: object) -> None:
 def test_a_full_disk(space: Workspace, monkeypatch: pytest.MonkeyPatch) -> None:
     space.keep("layout", A, ONE)
     monkeypatch.setattr(np, "savez", full)
-    with pytest.raises(TrainingFailed, match=r"/of/\.work cannot be written: No space left on device") as raised:
+    with pytest.raises(TrainingStopped, match=r"/of/\.work cannot be written: No space left on device") as raised:
         space.keep("layout", B, ONE)
     assert "Make room" in raised.value.advice
     assert files(space) == [f"layout-{A}.npz"]
@@ -154,7 +154,7 @@ def test_a_full_disk(space: Workspace, monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_a_folder_that_cannot_be_made(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("not a folder")
-    with pytest.raises(TrainingFailed, match="cannot be made: Not a directory"):
+    with pytest.raises(TrainingStopped, match="cannot be made: Not a directory"):
         Workspace(tmp_path / "file" / "work").keep("layout", A, ONE)
 
 
@@ -218,16 +218,16 @@ def test_older_stores_make_room_and_others_stay(space: Workspace) -> None:
 
 def test_no_room_for_a_store(space: Workspace, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "posix_fallocate", full)
-    with pytest.raises(TrainingFailed, match="cannot be written: No space left on device"):
+    with pytest.raises(TrainingStopped, match="cannot be written: No space left on device"):
         space.store("frames", A, 5, (4,), np.uint8, refuse)
     assert files(space) == []
 
 
 def test_a_failure_of_the_filling_itself_is_told_as_it_is(space: Workspace) -> None:
     def fail(_: FrameStore) -> None:
-        raise TrainingFailed("a process of the training was killed")
+        raise TrainingStopped("a process of the training was killed")
 
-    with pytest.raises(TrainingFailed, match="was killed"):
+    with pytest.raises(TrainingStopped, match="was killed"):
         space.store("frames", A, 5, (4,), np.uint8, fail)
 
 
