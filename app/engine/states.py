@@ -33,6 +33,9 @@ VISEMES: tuple[tuple[str, ...], ...] = (
 """Phones that look alike share statistics where there are few examples."""
 
 
+_VISEME = {phone: number for number, members in enumerate(VISEMES) for phone in members}
+
+
 @dataclass(frozen=True, slots=True)
 class Segment:
     """One state in time (seconds). The first and last segments of a sequence reach to infinity."""
@@ -64,8 +67,7 @@ NEIGHBOUR = "|"
 
 def viseme(state: str) -> int:
     """Index into `VISEMES` of the class that a state's phone belongs to."""
-    phone = state.partition(".")[0]
-    return next(i for i, members in enumerate(VISEMES) if phone in members)
+    return _VISEME[state.partition(".")[0]]
 
 
 def parent(state: str) -> str:
@@ -157,23 +159,26 @@ def occupancy(
     states = np.zeros((frames, MOST_STATES), np.int64)
     share = np.zeros((frames, MOST_STATES))
     duration = np.ones((frames, MOST_STATES))
-    used = np.zeros(frames, np.int64)
     half = 0.5 / fps
-    for position, segment in enumerate(sequence):
-        start = -np.inf if position == 0 else segment.start
-        end = np.inf if position == len(sequence) - 1 else segment.end
-        first = 0 if position == 0 else max(0, int(np.floor((start - lead - half) * fps)))
-        last = frames - 1 if position == len(sequence) - 1 else min(frames - 1, int(np.ceil((end - lead + half) * fps)))
-        if last < first:
-            continue
-        span = np.arange(first, last + 1)
-        centre = span / fps + lead
-        part = (np.minimum(centre + half, end) - np.maximum(centre - half, start)) * fps
-        span, part = span[part > 1e-9], part[part > 1e-9]
-        span, part = span[used[span] < MOST_STATES], part[used[span] < MOST_STATES]
-        slot = used[span]
-        states[span, slot] = names[segment.state]
-        share[span, slot] = part
-        duration[span, slot] = min(cap, max(0.5, (segment.end - segment.start) * fps))
-        used[span] += 1
+    starts = np.array([segment.start for segment in sequence])
+    ends = np.array([segment.end for segment in sequence])
+    lengths = np.clip((ends - starts) * fps, 0.5, cap)
+    starts[0], ends[-1] = -np.inf, np.inf
+    edges = [np.clip((side - lead) * fps, -1.0, frames) for side in (starts, ends)]
+    first = np.maximum(np.floor(edges[0] - 0.5), 0).astype(np.int64)
+    last = np.minimum(np.ceil(edges[1] + 0.5), frames - 1).astype(np.int64)
+    counts = np.maximum(last - first + 1, 0)
+    owner = np.repeat(np.arange(len(sequence)), counts)  # one row for each frame that a segment may show in
+    span = np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts) + first[owner]
+    centre = span / fps + lead
+    part = (np.minimum(centre + half, ends[owner]) - np.maximum(centre - half, starts[owner])) * fps
+    order = np.flatnonzero(part > 1e-9)
+    order = order[np.argsort(span[order], kind="stable")]
+    owner, span, part = owner[order], span[order], part[order]
+    slot = np.arange(len(span)) - np.searchsorted(span, span)  # how many of the frame's segments are before this one
+    kept = slot < MOST_STATES
+    owner, span, part, slot = owner[kept], span[kept], part[kept], slot[kept]
+    states[span, slot] = np.array([names[segment.state] for segment in sequence])[owner]
+    share[span, slot] = part
+    duration[span, slot] = lengths[owner]
     return Occupancy(states, share, duration)
