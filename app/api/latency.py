@@ -8,6 +8,7 @@ from fastapi import APIRouter
 
 from app.api.schemas import Latency, LatencyEntry, StagePercentiles
 from app.api.service import LoadedService
+from app.stream.timing import stage_percentiles
 
 router = APIRouter(tags=["latency"])
 
@@ -15,15 +16,15 @@ router = APIRouter(tags=["latency"])
 @router.get("/v1/latency")
 async def latency(service: LoadedService) -> Latency:
     """Percentiles of every stage in milliseconds after the request, and the last utterances, the newest last."""
-    log = service.streams.latency
+    # Read once: an utterance under way goes on reaching stages, and the two halves must tell of the same moment.
+    read = [(entry, entry.timings.milliseconds()) for entry in service.streams.latency.utterances()]
     return Latency(
-        stages={stage: StagePercentiles(**asdict(percentiles)) for stage, percentiles in log.stages().items()},
+        stages={
+            stage: StagePercentiles(**asdict(percentiles))
+            for stage, percentiles in stage_percentiles(timings for _, timings in read).items()
+        },
         utterances=[
-            LatencyEntry(
-                utterance=entry.utterance,
-                characters=entry.characters,
-                timings=dict(entry.timings.milliseconds().items()),
-            )
-            for entry in log.utterances()
+            LatencyEntry(utterance=entry.utterance, characters=entry.characters, timings=dict(timings.items()))
+            for entry, timings in read
         ],
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Literal, get_args
 
@@ -80,13 +80,14 @@ class LatencyLog:
         """The utterances kept, the newest last."""
         return list(self._kept)
 
-    def stages(self) -> dict[Stage, Percentiles]:
-        """Percentiles of every stage that any kept utterance has reached, in milliseconds."""
-        reached: dict[Stage, list[float]] = {stage: [] for stage in STAGES}
-        for entry in self.utterances():
-            for stage, value in entry.timings.milliseconds().items():
-                reached[stage].append(value)
-        return {stage: _percentiles(values) for stage, values in reached.items() if values}
+
+def stage_percentiles(utterances: Iterable[Mapping[Stage, float]]) -> dict[Stage, Percentiles]:
+    """Percentiles of every stage that any of the utterances has reached, from what `milliseconds` said of each."""
+    reached: dict[Stage, list[float]] = {stage: [] for stage in STAGES}
+    for milliseconds in utterances:
+        for stage, value in milliseconds.items():
+            reached[stage].append(value)
+    return {stage: _percentiles(values) for stage, values in reached.items() if values}
 
 
 def _percentiles(values: list[float]) -> Percentiles:
