@@ -47,6 +47,6 @@ class StreamClock:
         # Half a microsecond of grace: a timer that fires exactly at a release time must not miss it by rounding.
         return (int((elapsed + 5e-7) / BLOCK_SECONDS) + 1) * BLOCK_SAMPLES
 
-    def wall_ms(self, frame: int) -> float:
-        """When this frame leaves the server, milliseconds since 1970."""
-        return 1000 * (self._wall_origin + frame / FPS)
+    def wall_ms(self, seconds: float) -> float:
+        """When this moment of the stream leaves the server, milliseconds since 1970."""
+        return 1000 * (self._wall_origin + seconds)

@@ -6,7 +6,7 @@ import asyncio
 import logging
 import secrets
 import time
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Collection
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,13 +14,16 @@ from typing import TYPE_CHECKING
 from app.config import Settings
 from app.engine.pool import OrderedPool
 from app.errors import Gone, NotFound
+from app.stream import captions
+from app.stream.captions import Captions
+from app.stream.clock import FPS
 from app.stream.container import FORMATS, Format
-from app.stream.events import Event, EventBoard
+from app.stream.events import EVENT_NAMES, Event, EventBoard
 from app.stream.production import Production, StreamOptions, StreamState
 from app.stream.seats import Seats
 from app.stream.timeline import IdlePhase
 from app.stream.timing import LatencyLog, LoggedUtterance
-from app.stream.utterance import Narrator, Utterance, UtteranceReport
+from app.stream.utterance import Narrator, Script, Utterance, UtteranceReport
 from app.stream.utterances import Utterances
 
 if TYPE_CHECKING:
@@ -94,12 +97,14 @@ class LiveStream:
         self._avatar_id = avatar.manifest.id
         self._frames = (0, 0)  # rendered and dropped, at the end
         self._said = Utterances()
+        self._captions = Captions()
         seats = Seats(settings.stream.max_viewers, "viewers of this stream")
         self._events = EventBoard(seats)
         self._production: Production | None = Production(
             avatar,
             self._said,
             self._events,
+            self._captions,
             pool=pool,
             settings=settings,
             folder=folder,
@@ -154,9 +159,26 @@ class LiveStream:
             NothingToSay, InputError, NotFound: what the narrator says about text, speed or voice.
             OverCapacity: too much is queued.
         """
-        production = self._living()
+        self._living()
         script = self._narrator(text, voice or self.voice, speed)
-        utterance = Utterance(len(text), script.unread, phase)
+        return self.speak(script, len(text), interrupt=interrupt, phase=phase)
+
+    def speak(
+        self, script: Script, characters: int, *, interrupt: bool = False, phase: IdlePhase | None = None
+    ) -> Utterance:
+        """Queue speech, however it is made; returns at once, the work happens in the background.
+
+        Args:
+            script: the speech, which may still be in the making.
+            characters: length of its text, as far as it is known.
+            interrupt, phase: as in `say`.
+
+        Raises:
+            Gone: the stream has ended.
+            OverCapacity: too much is queued.
+        """
+        production = self._living()
+        utterance = Utterance(characters, script.unread, phase)
         production.say(script, utterance, interrupt=interrupt)
         self._latency.add(LoggedUtterance(self.id, utterance.id, utterance.characters, utterance.timings))
         return utterance
@@ -210,15 +232,46 @@ class LiveStream:
             raise NotFound(f"no viewer {viewer}")
         await self._production.audience.leave(viewer)
 
-    def events(self) -> AsyncIterator[Event]:
+    def events(self, names: Collection[str] = EVENT_NAMES) -> AsyncIterator[Event]:
         """What happens from the first iteration on; ends with the stream.
 
         First come the present state and, if something is being said, its `speak_started` once more.
 
+        Args:
+            names: of the events wanted.
+
         Raises:
             OverCapacity: the stream has too many viewers, now or when the iteration begins.
         """
-        return self._events.listen(self._present)
+        return self._events.listen(self._present, names)
+
+    def captions(self, utterance: str | None = None) -> str:
+        """What was said so far as a WebVTT document, on the stream's clock or on that of an utterance's video.
+
+        Raises:
+            NotFound: no such utterance.
+        """
+        if utterance is None:
+            return captions.document(self._captions.words())
+        start = self._said.find(utterance).start or 0
+        return captions.document(self._captions.words(utterance), start / FPS)
+
+    async def live_captions(self) -> AsyncIterator[str]:
+        """What was said so far as a WebVTT document that goes on, phrase by phrase, until the stream ends.
+
+        Raises:
+            OverCapacity: the stream has too many viewers.
+        """
+        yield captions.HEADER
+        told = -1.0  # start of the last word told
+        async for event in self.events(("state", "word", "speak_ended")):
+            words = [word for word in self._captions.words() if word.start > told]
+            groups = list(captions.phrases(words))
+            if groups and event.name == "word" and not captions.complete(groups[-1]):
+                groups.pop()  # it may go on
+            for phrase in groups:
+                yield captions.cue(phrase)
+                told = phrase[-1].start
 
     def report(self) -> StreamReport:
         """The present state."""

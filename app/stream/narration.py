@@ -16,7 +16,8 @@ class Narration:
     """Runs an iterator of pieces in a thread of its own and hands over what it makes.
 
     Args:
-        make: called in the thread; its iterator is closed in the thread, too.
+        make: called in the thread; its iterator is closed in the thread, too. It gives None when it has nothing yet
+            (it may wait for a moment first): then it is asked again, and is not taken for one that hangs.
         deliver: called in the thread with every piece, and at the end once with None, or with the error that ended it.
             After `cancel` only the end comes, when the engine has returned.
         name: of the thread, which does not keep the process from ending.
@@ -27,7 +28,10 @@ class Narration:
     """
 
     def __init__(
-        self, make: Callable[[], Iterator[Piece]], deliver: Callable[[Piece | BaseException | None], None], name: str
+        self,
+        make: Callable[[], Iterator[Piece | None]],
+        deliver: Callable[[Piece | BaseException | None], None],
+        name: str,
     ) -> None:
         self.ended = False
         self._make = make
@@ -58,9 +62,7 @@ class Narration:
         try:
             made = self._make()
             while self._room.acquire() and not self._cancelled.is_set():
-                self._working_since = time.monotonic()
-                piece = next(made, None)
-                self._working_since = None
+                piece = self._next(made)
                 if piece is None or self._cancelled.is_set():
                     break
                 self._deliver(piece)
@@ -70,3 +72,17 @@ class Narration:
             self._working_since = None
         self.ended = True
         self._deliver(end)
+
+    def _next(self, made: Iterator[Piece | None]) -> Piece | None:
+        # The next piece, however long it takes to come; None at the end.
+        while not self._cancelled.is_set():
+            self._working_since = time.monotonic()
+            try:
+                piece = next(made)
+            except StopIteration:
+                return None
+            finally:
+                self._working_since = None
+            if piece is not None:
+                return piece
+        return None

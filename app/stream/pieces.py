@@ -14,7 +14,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from app.speech import SILENCE, Phone, Speech
+from app.speech import SILENCE, Phone, Speech, Word
 from app.stream.clock import FPS, FRAME_SAMPLES, SAMPLE_RATE, first_frame_at
 from app.stream.soundtrack import Samples, resample
 from app.stream.timing import Stage
@@ -47,28 +47,37 @@ class Piece:
         samples: 48 kHz mono, float32, shape (n,).
         frame: its first frame, the first one not before `sample`.
         coefficients: one row a frame, shape (frames, K); the next piece's first frame is `frame + frames`.
+        follows: the mouth that its first frame continues, shape (K,); None = whatever is shown.
+        phones, words: what sounds in it, in seconds from the utterance's start.
     """
 
     sample: int
     samples: Samples
     frame: int
     coefficients: Coefficients
+    follows: Coefficients | None = None
+    phones: tuple[Phone, ...] = ()
+    words: tuple[Word, ...] = ()
 
 
 def pieces(
-    articulator: Articulator, speeches: Iterable[Speech], mark: Callable[[Stage], None] = lambda _stage: None
-) -> Iterator[Piece]:
+    articulator: Articulator, speeches: Iterable[Speech | None], mark: Callable[[Stage], None] = lambda _stage: None
+) -> Iterator[Piece | None]:
     """Turn speech into pieces, one for each and a last one in which the mouth comes to rest.
 
     Args:
         articulator: the avatar.
-        speeches: they follow each other without a gap; taken one by one as the pieces are.
+        speeches: they follow each other without a gap; taken one by one as the pieces are. None says that there is
+            nothing yet (a text that is still being written), and is handed on.
         mark: told when the stages "speech" and "trajectory" are reached.
     """
     elapsed = Fraction(0)  # seconds; exact, so that nothing adds up
     before = np.repeat(articulator.rest[None], HISTORY_FRAMES, axis=0)
     end = 0
     for speech in speeches:
+        if speech is None:
+            yield None
+            continue
         mark("speech")
         start = end
         elapsed += Fraction(len(speech.samples), speech.rate)
@@ -76,18 +85,41 @@ def pieces(
         first, frames = first_frame_at(start), first_frame_at(end) - first_frame_at(start)
         phones = _later(speech.phones, (first * FRAME_SAMPLES - start) / SAMPLE_RATE)
         rows = articulator.trajectory(phones, frames, before=before) if frames else before[:0]
+        follows = before[-1]
         before = np.concatenate([before, rows])[-HISTORY_FRAMES:]
         mark("trajectory")
-        yield Piece(start, resample(speech.samples, speech.rate, end - start), first, rows)
+        samples = resample(speech.samples, speech.rate, end - start)
+        yield Piece(start, samples, first, rows, follows, *_since_start(speech, start / SAMPLE_RATE))
     if end:
         first = first_frame_at(end)
-        silence = np.zeros((first + REST_FRAMES) * FRAME_SAMPLES - end, np.float32)
-        yield Piece(end, silence, first, to_rest(articulator, REST_FRAMES, before))
+        last = (first + REST_FRAMES) * FRAME_SAMPLES
+        quiet = Phone(SILENCE, end / SAMPLE_RATE, last / SAMPLE_RATE)
+        rows = to_rest(articulator, REST_FRAMES, before)
+        yield Piece(end, np.zeros(last - end, np.float32), first, rows, before[-1], (quiet,))
 
 
 def to_rest(articulator: Articulator, frames: int, before: Coefficients) -> Coefficients:
-    """A mouth that closes within so many frames; shape (frames, K)."""
-    return articulator.trajectory((Phone(SILENCE, 0.0, frames / FPS),), frames, before=before)
+    """A mouth that comes to rest within so many frames, from where it is and as fast as it moves; shape (frames, K).
+
+    A cubic whose speed at the end is zero. (The trajectory of a short silence closes the mouth within a frame, since
+    nothing that comes after asks for less.)
+
+    Args:
+        articulator: the avatar.
+        frames: how many.
+        before: the mouths of the frames before, two or more, shape (b, K).
+    """
+    t = (np.arange(1, frames + 1, dtype=np.float32) / frames)[:, None]
+    start, speed = before[-1] - articulator.rest, (before[-1] - before[-2]) * frames
+    rows: Coefficients = articulator.rest + (1 - t) ** 2 * ((1 + 2 * t) * start + t * speed)
+    return rows
+
+
+def _since_start(speech: Speech, start: float) -> tuple[tuple[Phone, ...], tuple[Word, ...]]:
+    return (
+        tuple(Phone(phone.symbol, start + phone.start, start + phone.end) for phone in speech.phones),
+        tuple(Word(word.text, start + word.start, start + word.end) for word in speech.words),
+    )
 
 
 def _later(phones: Sequence[Phone], offset: float) -> list[Phone]:

@@ -14,6 +14,7 @@ from app.config import Settings
 from app.engine.pool import OrderedPool
 from app.stream.audience import Audience
 from app.stream.broadcast import Broadcast
+from app.stream.captions import Captions
 from app.stream.clock import BLOCK_SECONDS, FPS, StreamClock
 from app.stream.encoder import AacEncoder, OpusEncoder, VideoEncoder
 from app.stream.events import Event, EventBoard
@@ -64,6 +65,7 @@ class Production:
         avatar: who speaks.
         said: where utterances are kept.
         events: told what happens.
+        captions: given what is said.
         pool: makes the frames.
         settings: of the service.
         folder: for finished files; must exist.
@@ -84,6 +86,7 @@ class Production:
         avatar: Avatar,
         said: Utterances,
         events: EventBoard,
+        captions: Captions,
         *,
         pool: OrderedPool,
         settings: Settings,
@@ -121,7 +124,7 @@ class Production:
             self._broadcast, self._video, self._aac, settings, seats, webrtc_seats, self._audience_changed
         )
         self.program = Program(
-            said, folder, self._video, self._aac, settings, events, self._make_timeline, self._wake.set
+            said, folder, self._video, self._aac, settings, events, captions, self._make_timeline, self._wake.set
         )
         self._said = said
         self._film = Film(avatar, self._video, self._broadcast, self.audience.picture_published)

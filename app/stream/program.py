@@ -13,9 +13,11 @@ from typing import Any, Literal
 
 from app.config import Settings
 from app.errors import OverCapacity, SpeechFailed
+from app.stream.captions import Captions
 from app.stream.clock import FPS, FRAME_SAMPLES
+from app.stream.cues import Cues
 from app.stream.encoder import AacEncoder, VideoEncoder
-from app.stream.events import Event, EventBoard
+from app.stream.events import Event, EventBoard, EventName
 from app.stream.narration import Narration
 from app.stream.packet import Packet
 from app.stream.pieces import Piece
@@ -42,7 +44,8 @@ class Program:
         folder: for finished files.
         video, audio: the stream's encoders, whose packets the files hold.
         settings: of the service.
-        events: told when an utterance starts, ends and fails.
+        events: told when an utterance starts, ends and fails, and of its words and mouth shapes.
+        captions: given what is said.
         make_timeline: makes the stream's timeline, whose clock starts then.
         on_change: there is something to do for `step`.
 
@@ -60,6 +63,7 @@ class Program:
         audio: AacEncoder,
         settings: Settings,
         events: EventBoard,
+        captions: Captions,
         make_timeline: Callable[[], Timeline[Utterance]],
         on_change: Callable[[], None],
     ) -> None:
@@ -72,6 +76,7 @@ class Program:
         self._audio = audio
         self._settings = settings
         self._events = events
+        self._cues = Cues(events, captions)
         self._make_timeline = make_timeline
         self._on_change = on_change
         self._loop = asyncio.get_running_loop()
@@ -130,13 +135,17 @@ class Program:
             self._conclude(self._queue.popleft(), "interrupted", None)
         current = self.current
         if current is not None and current.state == "speaking":
-            self._close(current, self.start_timeline().interrupt(now, current))
+            timeline = self.start_timeline()
+            self._close(current, timeline.interrupt(now, current))
+            self._cues.cut(timeline.sent)
             self._conclude(current, "interrupted", current.end)
         self._on_change()
 
     def stop(self) -> None:
         """The stream ends here and now: what is not finished is interrupted."""
         self._queue.clear()
+        if self.timeline is not None:
+            self._cues.cut(self.timeline.sent)
         for utterance in self._said:
             if utterance.finished:
                 continue
@@ -158,6 +167,8 @@ class Program:
             self._start_next(now, watched)
         if self.current is not None and self.current.end is None:
             self._place(self.current, now)
+        if self.timeline is not None:
+            self._cues.tell(self.timeline.sent)
 
     def record(self, packet: Packet) -> None:
         """Give the files a packet of the stream's sound."""
@@ -274,6 +285,7 @@ class Program:
             piece = utterance.ready[0]
             utterance.base += timeline.place(piece, utterance.base, utterance, now)
             utterance.ready.popleft()
+            self._cues.add(utterance.id, piece, utterance.base, timeline.clock)
             if utterance.narration is not None:
                 utterance.narration.taken()
             utterance.last = utterance.base + piece.frame + len(piece.coefficients)
@@ -309,9 +321,9 @@ class Program:
             self.started = None
         self._post("speak_ended", utterance, frame, reason=outcome)
 
-    def _post(self, name: str, utterance: Utterance, frame: int | None, **more: Any) -> Event:
+    def _post(self, name: EventName, utterance: Utterance, frame: int | None, **more: Any) -> Event:
         media_time = None if frame is None else frame / FPS
-        wall_ms = None if frame is None else self.start_timeline().clock.wall_ms(frame)
+        wall_ms = None if frame is None else self.start_timeline().clock.wall_ms(frame / FPS)
         event = Event(name, {"utterance": utterance.id, "media_time": media_time, "wall_ms": wall_ms, **more})
         self._events.post(event)
         return event

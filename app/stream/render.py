@@ -81,6 +81,8 @@ def render_file(
         lane = pool.open(draw, encode)
         try:
             for piece in pieces(avatar, speeches):
+                if piece is None:
+                    continue
                 lane.submit(FrameJob(n, 0.0, row) for n, row in enumerate(piece.coefficients, frames))
                 frames += len(piece.coefficients)
                 for packet in audio.encode(piece.samples, piece.sample):

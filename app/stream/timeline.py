@@ -15,7 +15,11 @@ from app.stream.pieces import HISTORY_FRAMES, Articulator, Coefficients, Piece, 
 from app.stream.soundtrack import Samples, Soundtrack
 
 EASE_FRAMES = 6
-"""How long a mouth takes to close when speech is cut short or the next piece is late: 0.24 s."""
+"""How long a mouth takes to close when the next piece is late: 0.24 s, as at the end of a sentence."""
+CLOSE_FRAMES = 3
+"""How long it takes when speech is cut short: 0.12 s, as before an /m/."""
+JOIN_FRAMES = 5
+"""A piece that follows something else than it was made to follow gets there within so many frames."""
 LEAD_SECONDS = 0.05
 """From leaving the server to being shown: how far the background runs ahead of the phase of the page's idle clip."""
 
@@ -132,8 +136,9 @@ class Timeline(Generic[Owner]):
         self._take_back(frame + delay)
         delay = max(delay, self._next - frame)
         self._sound.add(sample + delay * FRAME_SAMPLES, piece.samples)
-        self._submit(frame + delay, list(piece.coefficients), owner, start=piece.frame == 0)
-        self._remember(frame + delay, piece.coefficients)
+        rows = self._joined(piece, frame + delay)
+        self._submit(frame + delay, list(rows), owner, start=piece.frame == 0)
+        self._remember(frame + delay, rows)
         return delay
 
     def fill(self, now: float, owner: Owner | None) -> None:
@@ -149,7 +154,7 @@ class Timeline(Generic[Owner]):
         if frame > last:
             return
         if owner is not None and frame == self._speech_end:
-            frame = self._ease(frame, owner)
+            frame = self._ease(frame, owner, EASE_FRAMES)
         if frame <= last:
             self._submit(frame, [None] * (last + 1 - frame), owner, start=False)
 
@@ -158,7 +163,7 @@ class Timeline(Generic[Owner]):
         self._catch_up(now)
         frame = max(self._speech_end, first_frame_at(self.sent))
         self._take_back(frame)
-        return self._ease(max(frame, self._next), owner)
+        return self._ease(max(frame, self._next), owner, EASE_FRAMES)
 
     def interrupt(self, now: float, owner: Owner) -> int:
         """Fade the sound out and close the mouth, from what cannot be taken back on; returns the frame after that."""
@@ -166,7 +171,7 @@ class Timeline(Generic[Owner]):
         frame = first_frame_at(self.sent)
         self._take_back(frame)
         self._sound.cut(self.sent)
-        return self._ease(max(frame, self._next), owner)
+        return self._ease(max(frame, self._next), owner, CLOSE_FRAMES)
 
     def stop(self, now: float) -> None:
         """No more video for now: take back what waits to be encoded."""
@@ -182,11 +187,24 @@ class Timeline(Generic[Owner]):
             position, self.sent = self.sent, self.sent + BLOCK_SAMPLES
             yield position, block
 
-    def _ease(self, frame: int, owner: Owner | None) -> int:
-        rows = to_rest(self._articulator, EASE_FRAMES, self._before(frame))
+    def _ease(self, frame: int, owner: Owner | None, frames: int) -> int:
+        rows = to_rest(self._articulator, frames, self._before(frame))
         self._submit(frame, list(rows), owner, start=False)
         self._remember(frame, rows)
-        return frame + EASE_FRAMES
+        return frame + frames
+
+    def _joined(self, piece: Piece, frame: int) -> Coefficients:
+        # A piece that comes late finds the mouth closed meanwhile, not as it was made to follow it.
+        rows = piece.coefficients
+        if piece.follows is None or not len(rows):
+            return rows
+        gap = self._before(frame)[-1] - piece.follows
+        if not gap.any():
+            return rows
+        joined = rows.copy()
+        fading = np.linspace(1, 0, JOIN_FRAMES + 2, dtype=np.float32)[1:-1, None][: len(rows)]
+        joined[: len(fading)] += fading * gap
+        return joined
 
     @property
     def _speech_end(self) -> int:
@@ -209,7 +227,7 @@ class Timeline(Generic[Owner]):
     def _submit(self, frame: int, looks: list[Coefficients | None], owner: Owner | None, *, start: bool) -> None:
         resumed = frame > self._next or frame == 0
         if resumed and self._phase is not None:
-            ahead = (self.clock.wall_ms(frame) - self._phase.at_ms) / 1000 + LEAD_SECONDS
+            ahead = (self.clock.wall_ms(frame / FPS) - self._phase.at_ms) / 1000 + LEAD_SECONDS
             self._shift = round(self._phase.frame + ahead * FPS) - frame
             self._phase = None
         self._lane.submit(

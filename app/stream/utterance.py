@@ -26,11 +26,12 @@ class Script:
     """A text that has been checked.
 
     Attributes:
-        speeches: makes the speech piece by piece when it is iterated; that blocks, and may raise `MaryError`.
+        speeches: makes the speech piece by piece when it is iterated; that blocks, and may raise `MaryError`. None says
+            that there is nothing yet, and is to come within a moment.
         unread: what of the text cannot be read.
     """
 
-    speeches: Iterator[Speech]
+    speeches: Iterator[Speech | None]
     unread: tuple[str, ...] = ()
 
 
@@ -52,7 +53,7 @@ class UtteranceReport:
     error: str
 
 
-def _nothing() -> Iterator[Piece]:
+def _nothing() -> Iterator[Piece | None]:
     return iter(())
 
 
@@ -92,7 +93,7 @@ class Utterance:
     error: str = ""
     received: float = field(default_factory=time.monotonic)
     narration: Narration | None = None
-    make: Callable[[], Iterator[Piece]] = field(default=_nothing)
+    make: Callable[[], Iterator[Piece | None]] = field(default=_nothing)
     last: int = 0
     base: int = 0
     ready: deque[Piece] = field(default_factory=deque)

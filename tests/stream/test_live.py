@@ -19,7 +19,7 @@ from app.stream.events import Event
 from app.stream.live import LiveStream, StreamOptions
 from app.stream.production import MAX_FAILURES
 from app.stream.program import MAX_QUEUED
-from app.stream.timeline import EASE_FRAMES, IdlePhase
+from app.stream.timeline import CLOSE_FRAMES, IdlePhase
 from app.stream.timing import LatencyLog
 
 SETTINGS = Settings(stream={"preset": "ultrafast", "crf": 12, "start_seconds": 0.3, "keyframe_seconds": 1.0})
@@ -310,12 +310,12 @@ async def test_interrupting_falls_silent_and_closes_the_mouth(stage: Any) -> Non
     await live.stream.end()
     assert file.video_end < 2
     assert len(file.times) == long.end - long.start
-    closing = file.upper[-EASE_FRAMES - 1 :]  # from open to closed, evenly
+    closing = file.upper[-CLOSE_FRAMES - 1 :]  # from open to closed, step by step
     assert closing[0] > OPEN - 12
     assert np.all(np.diff(closing) < -10)
     assert abs(closing[-1] - BACKGROUND) < 12
-    silent_from = file.times[-EASE_FRAMES] + 2 / FPS
-    assert file.loud(file.times[-EASE_FRAMES] - 2 / FPS) > 0.1
+    silent_from = file.times[-CLOSE_FRAMES] + 2 / FPS
+    assert file.loud(file.times[-CLOSE_FRAMES] - 2 / FPS) > 0.1
     assert file.loud(silent_from) < 0.02
     live_opened = decode(received).upper > (BACKGROUND + OPEN) / 2
     assert np.sum(np.diff(live_opened.astype(int), prepend=0) == 1) == 2

@@ -56,6 +56,42 @@ def test_it_stays_only_a_few_pieces_ahead() -> None:
     assert got.empty()
 
 
+def test_it_asks_again_where_there_is_nothing_yet_and_is_not_taken_for_hanging() -> None:
+    got: queue.Queue[object] = queue.Queue()
+    asked = threading.Semaphore(0)
+    there = threading.Event()
+
+    def make() -> Iterator[Piece | None]:
+        while not there.is_set():
+            there.wait(0.01)
+            asked.release()
+            yield None
+        yield piece(7)
+
+    narration = Narration(make, got.put, "test")
+    for _ in range(20):
+        assert asked.acquire(timeout=PATIENCE)
+    assert narration.seconds_on_piece < 0.2  # though 20 times 0.01 s have passed
+    assert got.empty()
+    there.set()
+    assert getattr(got.get(timeout=PATIENCE), "frame", None) == 7
+    assert got.get(timeout=PATIENCE) is None
+
+
+def test_while_there_is_nothing_it_can_be_cancelled() -> None:
+    got: queue.Queue[object] = queue.Queue()
+
+    def make() -> Iterator[Piece | None]:
+        while True:
+            yield None
+
+    narration = Narration(make, got.put, "test")
+    narration.cancel()
+    assert got.get(timeout=PATIENCE) is None
+    narration.thread.join(PATIENCE)
+    assert narration.ended
+
+
 def test_an_error_is_handed_over_as_the_end() -> None:
     got: queue.Queue[object] = queue.Queue()
 

@@ -1,11 +1,14 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from puppet import FPS, TinyAvatar, speech
 
-from app.speech import SILENCE
+from app.speech import SILENCE, Word
 from app.stream.clock import FRAME_SAMPLES
 from app.stream.pieces import REST_FRAMES, pieces, to_rest
 
@@ -44,7 +47,6 @@ def test_each_piece_continues_from_the_frames_before_and_the_last_comes_to_rest(
     made = list(pieces(avatar, [speech(("AA", 0.12)), speech(("AA", 0.5))]))
     np.testing.assert_array_equal(avatar.befores[0], np.repeat(avatar.rest[None], 8, axis=0))
     np.testing.assert_array_equal(avatar.befores[1][-3:], made[0].coefficients)
-    np.testing.assert_array_equal(avatar.befores[2], made[1].coefficients[-8:])
     assert len(made[2].coefficients) == REST_FRAMES
     assert not made[2].samples.any()
     assert made[2].coefficients[-1, 0] == 0
@@ -76,8 +78,40 @@ def test_nothing_makes_nothing() -> None:
     assert list(pieces(TinyAvatar(), [])) == []
 
 
-def test_to_rest_closes_the_mouth() -> None:
-    rows = to_rest(TinyAvatar(), 6, np.ones((8, 2), np.float32))
-    assert rows.shape == (6, 2)
-    assert np.all(np.diff(rows[:, 0]) < 0)
-    assert rows[-1, 0] == 0
+def test_where_there_is_nothing_yet_there_is_no_piece() -> None:
+    made = list(pieces(TinyAvatar(), [None, speech(("AA", 0.2)), None, None]))
+    assert [piece is None for piece in made] == [True, False, True, True, False]
+    assert made[4].sample == len(made[1].samples)
+
+
+def test_phones_and_words_are_timed_from_the_utterances_start() -> None:
+    first = replace(speech(("AA", 0.2), (SILENCE, 0.1)), words=(Word("Ah.", 0.0, 0.2),))
+    second = replace(speech(("M", 0.2)), words=(Word("Mm", 0.05, 0.2),))
+    one, two, rest = pieces(TinyAvatar(), [first, second])
+    assert [phone.symbol for phone in (*one.phones, *two.phones, *rest.phones)] == ["AA", SILENCE, "M", SILENCE]
+    ends = [phone.end for phone in (*one.phones, *two.phones, *rest.phones)]
+    assert ends == pytest.approx(
+        [0.2, 0.3, 0.5, (len(one.samples) + len(two.samples) + len(rest.samples)) / 48_000], abs=1e-4
+    )
+    assert (one.words, two.words[0].text, rest.words) == ((Word("Ah.", 0.0, 0.2),), "Mm", ())
+    assert (two.words[0].start, two.words[0].end) == pytest.approx((0.35, 0.5), abs=1e-4)
+
+
+def test_a_piece_says_which_mouth_it_follows() -> None:
+    avatar = TinyAvatar()
+    one, two, rest = pieces(avatar, [speech(("AA", 0.2)), speech(("AA", 0.2))])
+    np.testing.assert_array_equal(one.follows, avatar.rest)
+    np.testing.assert_array_equal(two.follows, one.coefficients[-1])
+    np.testing.assert_array_equal(rest.follows, two.coefficients[-1])
+
+
+@given(speed=st.floats(-0.3, 0.3), frames=st.integers(2, 8))
+def test_to_rest_goes_on_as_it_moves_and_ends_at_rest_without_a_jerk(speed: float, frames: int) -> None:
+    before = np.array([[1 - speed, 1], [1, 1]], np.float32)
+    rows = to_rest(TinyAvatar(), frames, before)
+    assert rows.shape == (frames, 2)
+    assert rows.dtype == np.float32
+    assert rows[-1].tolist() == [0, 1]
+    t = np.arange(1, frames + 1) / frames  # the textbook's cubic Hermite spline, written out
+    hermite = 2 * t**3 - 3 * t**2 + 1 + (t**3 - 2 * t**2 + t) * speed * frames
+    np.testing.assert_allclose(rows[:, 0], hermite, atol=1e-5)

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import asyncio
 import threading
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
@@ -13,9 +14,10 @@ from app.config import Settings
 from app.engine.pool import OrderedPool
 from app.errors import OverCapacity
 from app.speech import Speech
+from app.stream.captions import Captions
 from app.stream.clock import FRAME_SAMPLES, StreamClock
 from app.stream.encoder import AacEncoder, VideoEncoder
-from app.stream.events import EventBoard
+from app.stream.events import Event, EventBoard
 from app.stream.pieces import pieces
 from app.stream.program import MAX_QUEUED, Program
 from app.stream.seats import Seats
@@ -40,8 +42,10 @@ class Bench:
     def __init__(self, folder: Path, pool: OrderedPool, settings: Settings) -> None:
         self.told: list[tuple[str, dict[str, Any]]] = []
         events = EventBoard(Seats(1, "listeners"))
-        events.post = lambda event: self.told.append((event.name, event.data))  # type: ignore[method-assign]
+        events.post = self._post  # type: ignore[method-assign]
+        self.cues: list[tuple[str, float]] = []
         self.said = Utterances()
+        self.captions = Captions()
         lane = pool.open(lambda _job: None, lambda _job, _picture: None, look_ahead=0.0)  # type: ignore[arg-type, return-value]
         clock = StreamClock(lambda: 1e9)
         self.timeline: Timeline[Utterance] = Timeline(TinyAvatar(), 50, clock, lane, encode_ahead=0.08, horizon=0.4)
@@ -52,14 +56,21 @@ class Bench:
             AacEncoder(),
             settings,
             events,
+            self.captions,
             make_timeline=lambda: self.timeline,
             on_change=lambda: None,
         )
 
+    def _post(self, event: Event) -> None:
+        if event.name in ("word", "viseme"):
+            self.cues.append((event.name, event.data["media_time"]))
+        else:
+            self.told.append((event.name, event.data))
+
     def say(self, *seconds: float) -> Utterance:
         return self.speak(speech(("AA", each)) for each in seconds)
 
-    def speak(self, speeches: Iterable[Speech]) -> Utterance:
+    def speak(self, speeches: Iterable[Speech | None]) -> Utterance:
         utterance = Utterance(1)
         utterance.make = lambda: pieces(TinyAvatar(), speeches)
         self.program.add(utterance)
@@ -105,6 +116,42 @@ async def test_an_utterance_is_narrated_started_and_ended_on_the_clock(bench: Be
     assert utterance.state == "done"
     assert [(name, data["media_time"]) for name, data in bench.told] == [("speak_started", 0.0), ("speak_ended", 0.6)]
     assert bench.program.recording  # it still waits for its packets
+
+
+async def test_mouth_shapes_are_told_before_they_leave_until_speech_is_cut_short(bench: Bench) -> None:
+    utterance = bench.speak(speech(*[("AA", 0.2), ("M", 0.2)] * 5) for _ in range(2))
+    await until(lambda: len(utterance.ready) == 3)
+    for step in range(40):  # 0.8 s
+        frame = step / 2
+        before = len(bench.cues)
+        bench.step(frame)
+        assert all(media_time > frame / FPS for _, media_time in bench.cues[max(before, 1) :])
+    assert [media_time for _, media_time in bench.cues] == pytest.approx([0.0, 0.2, 0.4, 0.6, 0.8, 1.0])
+    bench.program.interrupt(1e9 + 20 / FPS)
+    for frame in range(20, 60):
+        bench.step(frame)
+    assert len(bench.cues) == 6
+
+
+async def test_a_text_that_is_not_written_yet_is_waited_for(bench: Bench) -> None:
+    written = threading.Event()
+
+    def speeches() -> Iterator[Speech | None]:
+        yield speech(("AA", 0.2))
+        while not written.wait(0.02):
+            yield None
+        yield speech(("AA", 0.2))
+
+    utterance = bench.speak(speeches())
+    await until(lambda: utterance.ready)
+    for frame in range(int(3 * SETTINGS.speech.seconds * FPS)):
+        bench.step(frame)
+        await asyncio.sleep(1 / FPS)
+    assert (utterance.state, utterance.error) == ("speaking", "")
+    written.set()
+    await until(lambda: utterance.narrated)
+    bench.step(int(3 * SETTINGS.speech.seconds * FPS))
+    assert utterance.end is not None
 
 
 async def test_only_what_is_needed_next_is_narrated(bench: Bench) -> None:

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from puppet import TinyAvatar
 from app.engine.pool import FrameJob
 from app.stream.clock import BLOCK_SAMPLES, FPS, FRAME_SAMPLES, StreamClock
 from app.stream.pieces import Piece
-from app.stream.timeline import EASE_FRAMES, IdlePhase, Timeline
+from app.stream.timeline import CLOSE_FRAMES, EASE_FRAMES, JOIN_FRAMES, IdlePhase, Timeline
 
 ORIGIN = 1000.0
 
@@ -69,6 +70,11 @@ def bench() -> Bench:
     return Bench()
 
 
+def closing(share: float) -> float:
+    """How open a mouth is that stood still and closes, after this share of the time."""
+    return (1 - share) ** 2 * (1 + 2 * share)
+
+
 def piece(first: int, frames: int, *, samples: tuple[int, int] | None = None) -> Piece:
     start, end = samples or (first * FRAME_SAMPLES, (first + frames) * FRAME_SAMPLES)
     return Piece(start, np.ones(end - start, np.float32), first, np.ones((frames, 2), np.float32))
@@ -125,7 +131,7 @@ def test_a_late_piece_is_delayed_by_whole_frames_with_its_sound(bench: Bench) ->
         now = bench.at(frame)
         bench.timeline.fill(now, "u")
         bench.sound(now)
-    assert bench.lane.openings()[:10] == [1.0] * 4 + [pytest.approx(1 - n / 6, abs=1e-6) for n in range(1, 7)]
+    assert bench.lane.openings()[:10] == [1.0] * 4 + [pytest.approx(closing(n / 6), abs=1e-6) for n in range(1, 7)]
     assert all(job.payload.owner == "u" for job in bench.lane.jobs)
     late = piece(4, 3, samples=(4 * FRAME_SAMPLES - 700, 7 * FRAME_SAMPLES))
     delay = bench.timeline.place(late, base, "u", now)
@@ -137,6 +143,29 @@ def test_a_late_piece_is_delayed_by_whole_frames_with_its_sound(bench: Bench) ->
     assert np.flatnonzero(heard)[0] == max(0, at)
 
 
+def test_a_late_piece_goes_on_from_the_mouth_that_is_shown(bench: Bench) -> None:
+    now = bench.at(0)
+    base = bench.timeline.begin(now)
+    bench.timeline.place(piece(0, 4), base, "u", now)
+    for frame in range(14):  # the mouth closes meanwhile
+        now = bench.at(frame)
+        bench.timeline.fill(now, "u")
+        bench.sound(now)
+    follows = np.ones(2, np.float32)
+    bench.timeline.place(replace(piece(4, 8), follows=follows), base, "u", now)
+    openings = bench.lane.openings()[-8:]
+    opening = [pytest.approx(n / (JOIN_FRAMES + 1), abs=1e-6) for n in range(1, JOIN_FRAMES + 1)]
+    assert openings == [*opening, 1.0, 1.0, 1.0]
+
+
+def test_a_piece_in_time_is_shown_as_it_was_made(bench: Bench) -> None:
+    now = bench.at(0)
+    base = bench.timeline.begin(now)
+    bench.timeline.place(replace(piece(0, 4), follows=np.array([0, 1], np.float32)), base, "u", now)
+    bench.timeline.place(replace(piece(4, 4), follows=np.ones(2, np.float32)), base, "u", now)
+    assert bench.lane.openings()[-4:] == [1.0] * 4
+
+
 def test_an_interruption_fades_and_closes_from_the_first_frame_that_can_be_taken_back(bench: Bench) -> None:
     now = bench.at(0)
     base = bench.timeline.begin(now)
@@ -144,14 +173,14 @@ def test_an_interruption_fades_and_closes_from_the_first_frame_that_can_be_taken
     now = bench.at(10)
     bench.sound(now)
     end = bench.timeline.interrupt(now, "u")
-    assert end == 11 + EASE_FRAMES
+    assert end == 11 + CLOSE_FRAMES
     assert bench.lane.indices == list(range(end))
     openings = bench.lane.openings()
     assert openings[:11] == [1.0] * 11
-    assert openings[11:] == [pytest.approx(1 - n / 6, abs=1e-6) for n in range(1, 7)]
-    heard = bench.sound(bench.at(16))
+    assert openings[11:] == [pytest.approx(closing(n / 3), abs=1e-6) for n in range(1, 4)]
+    heard = bench.sound(bench.at(13))
     assert 0 < np.flatnonzero(heard)[-1] < BLOCK_SAMPLES
-    bench.timeline.fill(bench.at(16), None)
+    bench.timeline.fill(bench.at(13), None)
     assert bench.lane.openings()[end] is None
     assert not bench.lane.jobs[end].payload.keyframe
 
@@ -161,7 +190,7 @@ def test_closing_the_mouth_lets_what_is_placed_be_said(bench: Bench) -> None:
     base = bench.timeline.begin(now)
     bench.timeline.place(piece(0, 20), base, "u", now)
     assert bench.timeline.close_mouth(bench.at(5), "u") == base + 20 + EASE_FRAMES
-    assert bench.lane.openings()[base + 19 : base + 21] == [1.0, pytest.approx(5 / 6)]
+    assert bench.lane.openings()[base + 19 : base + 21] == [1.0, pytest.approx(closing(1 / 6))]
 
 
 def test_time_that_passes_unwatched_is_skipped_and_the_video_starts_anew(bench: Bench) -> None:
