@@ -8,7 +8,7 @@ from importlib.metadata import version
 
 from fastapi import FastAPI
 
-from app.api import catalogue, health, latency, live, page, problems, render, streams
+from app.api import catalogue, conversation, health, latency, live, page, problems, render, streams
 from app.api.middleware import BodyLimit, Envelope
 from app.api.schemas import Problem
 from app.api.service import Service
@@ -46,12 +46,15 @@ def create_app(settings: Settings) -> FastAPI:
         },
     )
     app.state.service = Service(settings)
-    app.add_middleware(
-        BodyLimit, limit=max(settings.limits.text * JSON_BYTES_A_CHARACTER, settings.limits.sdp) + OTHER_FIELDS_BYTES
-    )
+    app.add_middleware(BodyLimit, limit=body_limit(settings))
     app.add_middleware(Envelope)
     problems.install(app)
-    for part in (streams, live, render, catalogue, latency, health, problems, page):
+    for part in (streams, live, conversation, render, catalogue, latency, health, problems, page):
         app.include_router(part.router)
     page.mount(app)
     return app
+
+
+def body_limit(settings: Settings) -> int:
+    """Bytes of the longest body or message that can hold anything sensible."""
+    return max(settings.limits.text * JSON_BYTES_A_CHARACTER, settings.limits.sdp) + OTHER_FIELDS_BYTES

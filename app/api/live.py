@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Collection
 from contextlib import aclosing
 from typing import Annotated, Any, Literal
 
@@ -18,7 +18,8 @@ from starlette.types import Send
 
 from app.api.service import LoadedService
 from app.config import IceServer
-from app.errors import Gone, NegotiationFailed, TooLong
+from app.errors import Gone, InputError, NegotiationFailed, TooLong
+from app.stream.events import EVENT_NAMES, EventName
 from app.stream.live import LiveStream
 
 SEND_SECONDS = 30.0
@@ -91,17 +92,57 @@ async def video(
 
 
 @router.get("/events", response_class=EventSourceResponse)
-async def events(stream_id: str, service: LoadedService) -> EventSourceResponse:
-    """Server-sent events: state, speak_started, speak_ended, error."""
+async def events(
+    stream_id: str,
+    service: LoadedService,
+    types: Annotated[str, Query(max_length=200, description="Names of the events wanted, with commas; all.")] = "",
+) -> EventSourceResponse:
+    """Server-sent events: state, speak_started, word, viseme, speak_ended, error."""
     stream = service.streams.get(stream_id)
+    names = event_names(types)
     if stream.state == "ended":
         raise Gone("the stream has ended")
-    return EventSourceResponse(_events(stream), ping=PING_SECONDS)
+    return EventSourceResponse(_events(stream, names), ping=PING_SECONDS)
 
 
-async def _events(stream: LiveStream) -> AsyncIterator[dict[str, str]]:
-    async for event in stream.events():
+def event_names(types: str) -> Collection[EventName]:
+    """The events that a comma-separated list names, all for an empty one; InputError if it names another."""
+    wanted = {name.strip() for name in types.split(",") if name.strip()}
+    unknown = sorted(wanted - set(EVENT_NAMES))
+    if unknown:
+        raise InputError(
+            f"no event is called {unknown[0]!r}", field="types", advice=f"Known: {', '.join(EVENT_NAMES)}."
+        )
+    return [name for name in EVENT_NAMES if not wanted or name in wanted]
+
+
+async def _events(stream: LiveStream, names: Collection[EventName]) -> AsyncIterator[dict[str, str]]:
+    async for event in stream.events(names):
         yield {"event": event.name, "data": json.dumps(event.data)}
+
+
+@router.get("/captions.vtt", response_class=Response)
+async def captions(
+    stream_id: str,
+    service: LoadedService,
+    utterance: Annotated[str | None, Query(max_length=200)] = None,
+    live: Annotated[bool, Query(description="Go on until the stream ends.")] = False,
+) -> Response:
+    """What was said, with the time of every word: on the stream's clock, or (`utterance`) on that of its video.mp4."""
+    stream = service.streams.get(stream_id)
+    if not live:
+        return Response(stream.captions(utterance), headers=_NO_STORE, media_type="text/vtt")
+    if utterance is not None:
+        raise InputError("captions of one utterance are not live", field="live", advice="Leave one of the two out.")
+    if stream.state == "ended":
+        raise Gone("the stream has ended", advice="Its captions are there without live.")
+    return LiveResponse(_encoded(stream.live_captions()), headers=_NO_STORE, media_type="text/vtt")
+
+
+async def _encoded(parts: AsyncIterator[str]) -> AsyncIterator[bytes]:
+    async with aclosing(parts):  # type: ignore[type-var]
+        async for part in parts:
+            yield part.encode()
 
 
 @router.post("/whep", status_code=201, response_class=Response)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from http import HTTPStatus
 from typing import Any
 
@@ -74,13 +75,44 @@ def problem(
     advice: str = "",
     headers: dict[str, str] | None = None,
 ) -> JSONResponse:
+    """The answer with a problem document."""
+    content = document(status, slug, title, detail, field=field, advice=advice)
+    return JSONResponse(content, status, {"Cache-Control": "no-store", **(headers or {})}, MEDIA_TYPE)
+
+
+def document(
+    status: int, slug: str, title: str, detail: str, *, field: str = "", advice: str = ""
+) -> dict[str, str | int]:
     """A problem document; empty members are left out."""
-    document: dict[str, Any] = {"type": f"/problems/{slug}", "title": title, "status": status, "detail": detail}
+    members: dict[str, str | int] = {"type": f"/problems/{slug}", "title": title, "status": status, "detail": detail}
     if field:
-        document["field"] = field
+        members["field"] = field
     if advice:
-        document["advice"] = advice
-    return JSONResponse(document, status, {"Cache-Control": "no-store", **(headers or {})}, MEDIA_TYPE)
+        members["advice"] = advice
+    return members
+
+
+def of_error(error: MaryError) -> dict[str, str | int]:
+    """The problem document of an error."""
+    return document(error.status, error.slug, error.title, error.message, field=error.field, advice=error.advice)
+
+
+def answer(error: MaryError, headers: dict[str, str] | None = None) -> JSONResponse:
+    """The answer with the problem document of an error."""
+    return JSONResponse(of_error(error), error.status, {"Cache-Control": "no-store", **(headers or {})}, MEDIA_TYPE)
+
+
+def of_faults(faults: Sequence[Any]) -> dict[str, str | int]:
+    """The problem document of what pydantic found wrong, whose places begin with where the fields are ("body")."""
+    unknown = any(fault["type"] == "extra_forbidden" for fault in faults)
+    return document(
+        422,
+        "invalid-input",
+        "Invalid input",
+        "; ".join(_sentence(fault) for fault in faults),
+        field=_field(faults[0]),
+        advice="See /docs for the fields that are known." if unknown else "",
+    )
 
 
 def install(app: FastAPI) -> None:
@@ -96,9 +128,7 @@ async def _mary_error(_: Request, error: Exception) -> JSONResponse:
         cause = {"cause": str(error.__cause__)} if error.__cause__ else {}  # what is not the caller's to read
         _log.error("request failed", problem=error.slug, detail=error.message, **cause)
     headers = {"Retry-After": str(error.retry_after)} if isinstance(error, OverCapacity) else None
-    return problem(
-        error.status, error.slug, error.title, error.message, field=error.field, advice=error.advice, headers=headers
-    )
+    return answer(error, headers)
 
 
 async def _validation_error(_: Request, error: Exception) -> JSONResponse:
@@ -109,15 +139,7 @@ async def _validation_error(_: Request, error: Exception) -> JSONResponse:
         place, reason = first["loc"][-1], first["ctx"]["error"]
         detail = f"the body is not valid JSON: {reason} at character {place}"
         return problem(400, "invalid-json", "Invalid JSON", detail, advice="Send a JSON object in UTF-8.")
-    unknown = any(fault["type"] == "extra_forbidden" for fault in faults)
-    return problem(
-        422,
-        "invalid-input",
-        "Invalid input",
-        "; ".join(_sentence(fault) for fault in faults),
-        field=_field(first),
-        advice="See /docs for the fields that are known." if unknown else "",
-    )
+    return JSONResponse(of_faults(faults), 422, {"Cache-Control": "no-store"}, MEDIA_TYPE)
 
 
 def _field(fault: dict[str, Any]) -> str:

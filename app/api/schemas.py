@@ -17,11 +17,13 @@ Name = Annotated[str, AfterValidator(_whole), Field(min_length=1, max_length=200
 Speed = Annotated[float, Field(ge=0.5, le=2.0, allow_inf_nan=False, description="1 is the voice's own pace.")]
 
 
-class _Request(BaseModel):
+class Request(BaseModel):
+    """What all requests and messages have in common."""
+
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
 
 
-class Phase(_Request):
+class Phase(Request):
     """Where the page's idle clip is, so that the live picture takes over without a jump."""
 
     frame: float = Field(ge=0, le=1e6, allow_inf_nan=False, description="Frame of the loop, with its fraction.")
@@ -30,7 +32,7 @@ class Phase(_Request):
     )
 
 
-class StreamRequest(_Request):
+class StreamRequest(Request):
     """A new stream; with `text` it speaks, without it idles."""
 
     text: Text | None = None
@@ -47,7 +49,7 @@ class StreamRequest(_Request):
     phase: Phase | None = None
 
 
-class SayRequest(_Request):
+class SayRequest(Request):
     """More to say on a stream that is there."""
 
     text: Text
@@ -57,7 +59,7 @@ class SayRequest(_Request):
     phase: Phase | None = None
 
 
-class ShownRequest(_Request):
+class ShownRequest(Request):
     """The browser's own measurement."""
 
     milliseconds: float = Field(
@@ -65,7 +67,7 @@ class ShownRequest(_Request):
     )
 
 
-class RenderRequest(_Request):
+class RenderRequest(Request):
     """A text to make a file of."""
 
     text: Text
@@ -104,7 +106,9 @@ class Urls(BaseModel):
     flv: str
     mp4: str
     video: str
+    captions: str
     events: str
+    ws: str
 
 
 class IdleClip(BaseModel):

@@ -17,13 +17,16 @@ from types import FrameType
 import structlog
 import uvicorn
 
-from app.api.application import create_app
+from app.api.application import body_limit, create_app
 from app.api.service import Service
 from app.config import Settings
 from app.errors import ConfigError
 
 LAST_RESORT_SECONDS = 0.8
 """How long after `server.shutdown_seconds` the process is ended whatever still runs in it."""
+
+PING_SECONDS = 20.0
+"""How often a WebSocket is asked whether it lives, and how long it may take to answer."""
 
 _log = structlog.get_logger("mary.server")
 
@@ -93,7 +96,10 @@ def serve(settings: Settings) -> None:
         log_config=None,  # app/api/logs.py has done it
         access_log=False,  # a stream's address is the key to it: app/api/middleware.py logs the route instead
         server_header=False,
-        ws="none",
+        ws="websockets-sansio",
+        ws_max_size=body_limit(settings),
+        ws_ping_interval=PING_SECONDS,
+        ws_ping_timeout=PING_SECONDS,
         lifespan="on",
     )
     server = Server(config, service, settings.server.shutdown_seconds)

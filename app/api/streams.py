@@ -81,7 +81,9 @@ async def create(
             flv=f"{here}/live.flv",
             mp4=f"{here}/live.mp4",
             video=f"{here}/video.mp4",
+            captions=f"{here}/captions.vtt",
             events=f"{here}/events",
+            ws=f"{here}/ws",
         ),
         utterance=_said(utterance) if utterance else None,
         idle=IdleClip(

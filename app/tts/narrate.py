@@ -59,13 +59,32 @@ def narrate(engine: SpeechEngine, text: str | Plan, *, voice: str = "", speed: f
         InputError: speed out of range (at once).
         SpeechFailed: the engine failed or made unsound speech.
     """
+    check_speed(speed)
+    return _something(engine, text if isinstance(text, Plan) else plan(text), voice, speed)
+
+
+def check_speed(speed: float) -> None:
+    """Raise InputError if nobody speaks so slowly or so fast."""
     if not SLOWEST <= speed <= FASTEST:
         raise InputError(f"speed must be from {SLOWEST} to {FASTEST}, not {speed}", field="speed")
-    return _pieces(engine, text if isinstance(text, Plan) else plan(text), voice, speed)
 
 
-def _pieces(engine: SpeechEngine, planned: Plan, voice: str, speed: float) -> Iterator[Speech]:
-    unread, spoken = planned.unread, False
+def _something(engine: SpeechEngine, planned: Plan, voice: str, speed: float) -> Iterator[Speech]:
+    spoken = False
+    for speech in speak(engine, planned, voice=voice, speed=speed):
+        yield speech
+        spoken = True
+    if not spoken:
+        raise _nothing(planned.unread)
+
+
+def speak(engine: SpeechEngine, planned: Plan, *, voice: str, speed: float) -> Iterator[Speech]:
+    """Speak the pieces of a plan as in `narrate`; without anything that the engine can speak there is no speech.
+
+    Raises:
+        SpeechFailed: as in `narrate`.
+    """
+    unread = planned.unread
     for clause in planned.clauses:
         try:
             speech = check(engine.speak(clause.text, voice=voice, speed=speed), engine.name)
@@ -77,9 +96,7 @@ def _pieces(engine: SpeechEngine, planned: Plan, voice: str, speed: float) -> It
             raise SpeechFailed(f"speech engine {engine.name} failed: {type(error).__name__}: {error}") from error
         speech = with_pause(speech, clause.pause / speed)
         yield replace(speech, unread=tuple(dict.fromkeys((*unread, *speech.unread))))
-        unread, spoken = (), True
-    if not spoken:
-        raise _nothing(planned.unread)
+        unread = ()
 
 
 def _nothing(unread: tuple[str, ...]) -> NothingToSay:

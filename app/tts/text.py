@@ -224,7 +224,7 @@ def split(text: str) -> tuple[Clause, ...]:
             for at, piece in enumerate(cuts):
                 joined = " ".join(piece)
                 if speakable(joined):
-                    between = CLAUSE_PAUSE if _ends_clause(piece[-1]) else NO_PAUSE
+                    between = CLAUSE_PAUSE if ends_clause(piece[-1]) else NO_PAUSE
                     pieces.append(Clause(joined, pause if at == len(cuts) - 1 else between))
         if pieces:
             pieces[-1] = Clause(pieces[-1].text, max(pieces[-1].pause, PARAGRAPH_PAUSE))
@@ -241,12 +241,12 @@ def _sentences(paragraph: str) -> Iterator[tuple[list[str], float]]:
         for at, word in enumerate(line):
             sentence.append(word)
             if at + 1 < len(line):
-                if _ends_sentence(word, line[at + 1], len(sentence) == 1):
+                if ends_sentence(word, line[at + 1], len(sentence) == 1):
                     yield sentence, SENTENCE_PAUSE
                     sentence = []
             elif number + 1 < len(lines):
                 following = lines[number + 1][0]
-                if _ends_sentence(word, following, len(sentence) == 1):
+                if ends_sentence(word, following, len(sentence) == 1):
                     yield sentence, SENTENCE_PAUSE
                     sentence = []
                 elif not following.lstrip(_OPENERS)[:1].islower():  # a list, a poem, a title: not a wrapped line
@@ -270,7 +270,8 @@ def _stop(word: str) -> str:
     return bare[len(bare.rstrip(".!?…")) :]
 
 
-def _ends_sentence(word: str, following: str, first: bool) -> bool:
+def ends_sentence(word: str, following: str, first: bool) -> bool:
+    """Whether a sentence ends with `word`; of the following word the beginning will do. `first`: it begins one, too."""
     stop = _stop(word)
     if not stop:
         return False
@@ -296,7 +297,8 @@ def _ends_sentence(word: str, following: str, first: bool) -> bool:
     return True
 
 
-def _ends_clause(word: str) -> bool:
+def ends_clause(word: str) -> bool:
+    """Whether one can pause after `word`."""
     return word.rstrip(_CLOSERS)[-1:] in ",;:—" or word.endswith(")")
 
 
@@ -349,6 +351,6 @@ def _short_start(words: Sequence[str]) -> int:
         length += len(word) + (at > 0)
         if length > FIRST_PIECE:
             break
-        if length >= SHORTEST_CUT and _ends_clause(word):
+        if length >= SHORTEST_CUT and ends_clause(word):
             best = at + 1
     return best

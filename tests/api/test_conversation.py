@@ -1,0 +1,262 @@
+"""Conversations over WebSockets, with a real server and a client that is not ours."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import socket
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.sync.client import ClientConnection, connect
+
+from app.api.conversation import MAX_PROBLEMS
+
+PATIENCE = 30
+
+
+class Client:
+    """One side of a conversation, which keeps all it has been told."""
+
+    def __init__(self, connection: ClientConnection) -> None:
+        self.connection = connection
+        self.told: list[dict[str, Any]] = []
+
+    def send(self, kind: str, **fields: Any) -> None:
+        self.connection.send(json.dumps({"type": kind, **fields}))
+
+    def next(self) -> dict[str, Any]:
+        message: dict[str, Any] = json.loads(self.connection.recv(timeout=PATIENCE))
+        self.told.append(message)
+        return message
+
+    def until(self, kind: str, **fields: Any) -> dict[str, Any]:
+        """The next message of this kind, whatever comes before it."""
+        while True:
+            message = self.next()
+            if message["type"] == kind and all(message.get(name) == value for name, value in fields.items()):
+                return message
+
+    def named(self, kind: str) -> list[dict[str, Any]]:
+        return [message for message in self.told if message["type"] == kind]
+
+
+@pytest.fixture
+def stream(server: str, curl: Any) -> Iterator[str]:
+    made = curl(f"{server}/v1/streams", "--json", '{"start": "now"}').json()
+    yield made["urls"]["self"]
+    curl(server + made["urls"]["self"], "--request", "DELETE")
+
+
+Open = Callable[..., contextlib.AbstractContextManager[Client]]
+
+
+@pytest.fixture
+def talk(server: str, stream: str) -> Open:
+    @contextlib.contextmanager
+    def open_one(query: str = "") -> Iterator[Client]:
+        with connect(f"{server.replace('http', 'ws')}{stream}/ws{query}") as connection:
+            yield Client(connection)
+
+    return open_one
+
+
+def test_a_text_is_spoken_while_it_is_being_written(talk: Open) -> None:
+    with talk() as client:
+        assert client.next() == {"type": "state", "state": "idle"}
+        for token in ("Hel", "lo the", "re, my good friend", ", how"):
+            client.send("text", text=token)
+        utterance = client.until("accepted")["utterance"]
+        started = client.until("speak_started")  # though the text is not complete
+        assert started["utterance"] == utterance
+        client.send("text", text=" are you?")
+        client.send("end")
+        ended = client.until("speak_ended")
+        assert (ended["utterance"], ended["reason"]) == (utterance, "done")
+        words = client.named("word")
+        assert [word["text"] for word in words] == ["Hello", "there,", "my", "good", "friend,", "how", "are", "you?"]
+        times = [word["media_time"] for word in words]
+        assert times == sorted(times)
+        assert started["media_time"] <= times[0] <= times[-1] < ended["media_time"]
+        phones = {viseme["phone"] for viseme in client.named("viseme")}
+        assert {"HH", "M", "SIL"} <= phones
+
+
+def test_an_interruption_in_the_middle_of_a_word(talk: Open) -> None:
+    with talk("?types=speak_started,speak_ended,word") as client:
+        client.send("text", text="Incomprehensibilities, notwithstanding " * 20)
+        client.until("word")
+        client.send("interrupt")
+        ended = client.until("speak_ended")
+        assert ended["reason"] == "interrupted"
+        client.send("text", text="Again.")
+        client.send("end")
+        again = client.until("accepted")["utterance"]
+        assert client.until("speak_ended", utterance=again)["reason"] == "done"
+        assert {message["type"] for message in client.told} == {"accepted", "speak_started", "word", "speak_ended"}
+
+
+def test_whole_texts_can_be_said_too(talk: Open) -> None:
+    with talk("?types=speak_ended") as client:
+        client.send("say", text="One. " * 40)
+        first = client.until("accepted")
+        client.send("say", text="Two \N{SNOWMAN}.", interrupt=True)
+        second = client.until("accepted")
+        assert second["unread"] == ["\N{SNOWMAN}"]
+        assert client.until("speak_ended", utterance=first["utterance"])["reason"] == "interrupted"
+        assert client.until("speak_ended", utterance=second["utterance"])["reason"] == "done"
+
+
+def test_a_flush_does_not_wait_for_the_end_of_the_clause(talk: Open) -> None:
+    with talk("?types=word") as client:
+        client.send("text", text="Well")
+        client.send("flush")
+        assert client.until("word")["text"] == "Well"
+        client.send("end")
+
+
+def test_what_cannot_be_read_is_told(server: str, stream: str, talk: Open, curl: Any) -> None:
+    with talk("?types=speak_ended") as client:
+        client.send("text", text="\N{SNOWMAN} Hello there. And")
+        client.send("text", text=" more")
+        client.send("end")
+        ended = client.until("speak_ended")
+        assert ended["reason"] == "done"
+        assert client.named("unread") == [
+            {"type": "unread", "utterance": ended["utterance"], "unread": ["\N{SNOWMAN}"]}
+        ]
+    (report,) = curl(server + stream).json()["utterances"]
+    assert (report["unread"], report["characters"]) == (["\N{SNOWMAN}"], len("\N{SNOWMAN} Hello there. And more"))
+
+
+def test_who_hangs_up_has_said_all_there_is(server: str, stream: str, talk: Open, curl: Any) -> None:
+    with talk() as client:
+        client.send("text", text="Goodbye to everybody")
+        utterance = client.until("accepted")["utterance"]
+    deadline = time.monotonic() + PATIENCE
+    while True:
+        report = curl(server + stream).json()["utterances"][-1]
+        if report["state"] not in ("queued", "speaking"):
+            break
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+    assert (report["id"], report["state"]) == (utterance, "done")
+
+
+@pytest.mark.parametrize(
+    ("frame", "field"),
+    [
+        (b"\x00\x01", None),
+        ("", None),
+        ("{", None),
+        ("[" * 100_000, None),
+        ("[]", "type"),
+        ("null", "type"),
+        ('{"text": "Hi"}', "type"),
+        ('{"type": "shout"}', "type"),
+        ('{"type": ["text"]}', "type"),
+        ('{"type": "text"}', "text"),
+        ('{"type": "text", "text": 7}', "text"),
+        ('{"type": "text", "text": "Hi", "volume": 11}', "volume"),
+        ('{"type": "text", "text": "Hi", "voice": "nobody"}', None),
+        ('{"type": "text", "text": "Hi", "speed": 9}', "speed"),
+        ('{"type": "say", "text": ""}', "text"),
+        ('{"type": "flush"}', "type"),
+        ('{"type": "end"}', "type"),
+        ('{"type": "audio", "rate": 44100}', "rate"),
+    ],
+)
+def test_a_wrong_message_is_explained_and_changes_nothing(talk: Open, frame: str | bytes, field: str | None) -> None:
+    with talk("?types=speak_ended") as client:
+        client.connection.send(frame)
+        problem = client.next()
+        assert problem["type"] == "problem"
+        assert problem["problem"].startswith("/problems/")
+        assert problem["status"] in (404, 413, 422)
+        assert problem["detail"]
+        if field is not None:
+            assert problem["field"] == field
+        client.send("say", text="Fine.")
+        client.until("accepted")
+        assert client.until("speak_ended")["reason"] == "done"
+
+
+def test_who_sends_nothing_but_wrong_messages_is_let_go(talk: Open) -> None:
+    with talk("?types=error") as client:
+        with pytest.raises(ConnectionClosed) as closed:
+            for _ in range(MAX_PROBLEMS + 2):
+                client.send("shout")
+                client.next()
+        assert closed.value.rcvd is not None
+        assert closed.value.rcvd.code == 1008
+
+
+def test_a_text_that_others_cut_short_is_told_once(server: str, stream: str, talk: Open, curl: Any) -> None:
+    with talk("?types=speak_started,speak_ended") as client:
+        client.send("text", text="One thing and another, and another, and another, and")
+        client.until("speak_started")
+        curl(f"{server}{stream}/interrupt", "--request", "POST")
+        client.until("speak_ended")
+        for _ in range(100):
+            client.send("text", text=" more")
+        client.send("end")
+        client.send("say", text="Fine.")
+        client.until("accepted")
+        assert [problem["problem"] for problem in client.named("problem")] == ["/problems/gone"]
+
+
+def test_a_hundred_tokens_a_second_are_spoken(talk: Open) -> None:
+    with talk("?types=speak_ended,word,error") as client:
+        for n in range(300):
+            client.send("text", text=f" w{n}," if n % 10 == 9 else " ah")
+            time.sleep(0.01)
+        client.send("interrupt")
+        assert client.until("speak_ended")["reason"] == "interrupted"
+        assert client.named("problem") == client.named("error") == []
+
+
+def test_more_text_than_is_kept_is_refused(talk: Open) -> None:
+    with talk("?types=speak_ended") as client:
+        for _ in range(3):
+            client.send("text", text="word " * 1900)
+        problem = client.until("problem")
+        assert (problem["problem"], problem["status"]) == ("/problems/over-capacity", 503)
+        client.send("interrupt")
+        client.until("speak_ended")
+
+
+def test_unknown_streams_and_events_are_refused_before_the_conversation(server: str, stream: str) -> None:
+    base = server.replace("http", "ws")
+    for path, status in (("/v1/streams/none/ws", 404), (f"{stream}/ws?types=weather", 422)):
+        with pytest.raises(InvalidStatus) as refused, connect(base + path):
+            pass
+        assert refused.value.response.status_code == status
+        assert json.loads(refused.value.response.body or b"{}")["status"] == status
+
+
+def test_the_end_of_the_stream_ends_the_conversation(server: str, stream: str, talk: Open, curl: Any) -> None:
+    with talk() as client:
+        client.next()
+        curl(server + stream, "--request", "DELETE")
+        client.until("state", state="ended")
+        with pytest.raises(ConnectionClosed) as closed:
+            client.next()
+        assert closed.value.rcvd is not None
+        assert closed.value.rcvd.code == 1000
+    with pytest.raises(InvalidStatus) as refused, talk():
+        pass
+    assert refused.value.response.status_code in (404, 410)
+
+
+def test_a_half_closed_socket_disturbs_nobody(server: str, stream: str, talk: Open) -> None:
+    with talk() as client, talk("?types=speak_ended") as other:
+        client.next()
+        client.send("text", text="Half a sentence and")
+        client.until("accepted")
+        client.connection.socket.shutdown(socket.SHUT_WR)
+        assert other.until("speak_ended")["reason"] == "done"
+        other.send("say", text="Fine.")
+        assert other.until("speak_ended")["reason"] == "done"
