@@ -267,7 +267,7 @@ class LiveStream:
         async for event in self.events(("state", "word", "speak_ended")):
             words = [word for word in self._captions.words() if word.start > told]
             groups = list(captions.phrases(words))
-            if groups and event.name == "word" and not captions.complete(groups[-1]):
+            if groups and event.name != "speak_ended" and not captions.complete(groups[-1]):
                 groups.pop()  # it may go on
             for phrase in groups:
                 yield captions.cue(phrase)

@@ -39,7 +39,9 @@ def test_a_new_stream_says_where_everything_is(server: str, curl) -> None:
         "flv": f"{here}/live.flv",
         "mp4": f"{here}/live.mp4",
         "video": f"{here}/video.mp4",
+        "captions": f"{here}/captions.vtt",
         "events": f"{here}/events",
+        "ws": f"{here}/ws",
     }
     assert made["avatar"] == "mary"
     assert made["voice"]
