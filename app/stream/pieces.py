@@ -101,8 +101,8 @@ def pieces(
 def to_rest(articulator: Articulator, frames: int, before: Coefficients) -> Coefficients:
     """A mouth that comes to rest within so many frames, from where it is and as fast as it moves; shape (frames, K).
 
-    A cubic whose speed at the end is zero. (The trajectory of a short silence closes the mouth within a frame, since
-    nothing that comes after asks for less.)
+    A cubic whose speed at the end is zero, and which does not go beyond rest. (The trajectory of a short silence closes
+    the mouth within a frame, since nothing that comes after asks for less.)
 
     Args:
         articulator: the avatar.
@@ -111,6 +111,9 @@ def to_rest(articulator: Articulator, frames: int, before: Coefficients) -> Coef
     """
     t = (np.arange(1, frames + 1, dtype=np.float32) / frames)[:, None]
     start, speed = before[-1] - articulator.rest, (before[-1] - before[-2]) * frames
+    speed = np.clip(
+        speed, -3 * np.abs(start), 3 * np.abs(start)
+    )  # faster, a cubic overshoots (Fritsch and Carlson 1980)
     rows: Coefficients = articulator.rest + (1 - t) ** 2 * ((1 + 2 * t) * start + t * speed)
     return rows
 

@@ -105,6 +105,13 @@ def test_a_piece_says_which_mouth_it_follows() -> None:
     np.testing.assert_array_equal(rest.follows, two.coefficients[-1])
 
 
+@given(start=st.floats(-1, 1), speed=st.floats(-3, 3), frames=st.integers(2, 8))
+def test_to_rest_never_goes_beyond_rest(start: float, speed: float, frames: int) -> None:
+    rows = to_rest(TinyAvatar(), frames, np.array([[start - speed, 1], [start, 1]], np.float32))
+    assert np.all(rows[:, 0] * np.sign(start) >= -1e-6)
+    assert rows[-1, 0] == 0
+
+
 @given(speed=st.floats(-0.3, 0.3), frames=st.integers(2, 8))
 def test_to_rest_goes_on_as_it_moves_and_ends_at_rest_without_a_jerk(speed: float, frames: int) -> None:
     before = np.array([[1 - speed, 1], [1, 1]], np.float32)
