@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import ipaddress
 import os
+import re
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 from pydantic_settings import BaseSettings, PydanticBaseSettingsSource, SettingsConfigDict, SettingsError
 
 from app.errors import ConfigError
@@ -27,10 +29,36 @@ class _Section(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
+def _origin(text: str) -> str:
+    if text != "*" and not re.fullmatch(r"https?://[a-z0-9.-]+(:\d+)?|https?://\[[0-9a-f:]+\](:\d+)?", text):
+        raise ValueError('not an origin; they look like "https://www.example.org", without a path, or "*" for all')
+    return text
+
+
+def _address(text: str) -> str:
+    try:
+        ipaddress.ip_address(text)
+    except ValueError as error:
+        raise ValueError("not an IP address; give the server's public IPv4 or IPv6 address, no host name") from error
+    return text
+
+
+def _ports(text: str) -> str:
+    match = re.fullmatch(r"(\d{1,5})-(\d{1,5})", text)
+    if text and not (match and 1024 <= int(match[1]) <= int(match[2]) <= 65535):
+        raise ValueError('not a range of ports between 1024 and 65535, e.g. "50000-50100"')
+    return text
+
+
+def _listed(value: object) -> object:
+    return [value] if isinstance(value, str) else value
+
+
 class ServerSettings(_Section):
     host: str = "0.0.0.0"
     port: int = Field(default=8080, ge=0, le=65535)
     shutdown_seconds: float = Field(default=2.0, gt=0)
+    cors_origins: list[Annotated[str, AfterValidator(_origin)]] = []
 
 
 class AvatarSettings(_Section):
@@ -64,17 +92,44 @@ class StreamSettings(_Section):
     queue_seconds: float = Field(default=4.0, gt=0)
 
 
+IceUrl = Annotated[str, Field(pattern=r"^(stun|stuns|turn|turns):[^\s<>\"\\]+$")]
+Printable = Annotated[str, Field(pattern=r"^[ -~]*$")]  # it travels in a header
+
+
 class IceServer(_Section):
-    urls: str
-    username: str | None = None
-    credential: str | None = None
+    """A STUN or TURN server that viewers are told of."""
+
+    urls: Annotated[list[IceUrl], BeforeValidator(_listed), Field(min_length=1)]
+    username: Printable | None = None
+    credential: Printable | None = None
+
+
+class TurnServer(_Section):
+    """A TURN server through which this server itself can be reached."""
+
+    url: str = Field(
+        pattern=r"^(turn:[^?:\s]+(:\d+)?(\?transport=(udp|tcp))?|turns:[^?:\s]+(:\d+)?(\?transport=tcp)?)$"
+    )
+    username: str
+    credential: str
 
 
 class WebrtcSettings(_Section):
-    addresses: list[str] = []
+    addresses: list[Annotated[str, AfterValidator(_address)]] = []
+    ports: Annotated[str, AfterValidator(_ports)] = ""
     loopback: bool = True
+    stun: str = Field(default="", pattern=r"^(stun:[^?:\s]+(:\d+)?)?$")
+    turn: TurnServer | None = None
     max_viewers: int = Field(default=64, gt=0)
     ice_servers: list[IceServer] = []
+
+    @property
+    def port_range(self) -> range | None:
+        """`ports` as numbers; None: any."""
+        if not self.ports:
+            return None
+        first, last = map(int, self.ports.split("-"))
+        return range(first, last + 1)
 
 
 class RenderSettings(_Section):

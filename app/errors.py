@@ -15,6 +15,7 @@
     - `SpeechFailed`: a speech engine failed; names the engine (502)
     - `AlignmentFailed`: an aligner failed; names the aligner (502)
     - `NegotiationFailed`: a WebRTC offer cannot be answered (400)
+        - `IceRestartRefused`: a connection cannot be moved to another network path (422)
     - `TrainingStopped`: training could not go on, though nothing is wrong with the recording: a full disk, say
 """
 
@@ -94,6 +95,10 @@ class AlignmentFailed(MaryError):
 
 class NegotiationFailed(MaryError):
     status, slug, title = 400, "negotiation-failed", "WebRTC negotiation failed"
+
+
+class IceRestartRefused(NegotiationFailed):
+    status, slug, title = 422, "ice-restart-refused", "ICE restart refused"
 
 
 class TrainingFailed(InputError):

@@ -6,13 +6,14 @@ import json
 import os
 import re
 import shutil
+import socket
 import subprocess
 import sys
 import time
 import urllib.error
 import urllib.request
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -153,3 +154,21 @@ def curl(curl_program: str, tmp_path: Path) -> Curl:
         )
 
     return run
+
+
+@pytest.fixture
+def free_ports() -> Callable[[int], range]:
+    """`free_ports(3)`: UDP ports in a row that nobody uses, below those the system gives out by itself."""
+
+    def find(count: int) -> range:
+        for first in range(20_000, 32_000, count):
+            with ExitStack() as held:
+                try:
+                    for port in range(first, first + count):
+                        held.enter_context(socket.socket(type=socket.SOCK_DGRAM)).bind(("0.0.0.0", port))
+                except OSError:
+                    continue
+                return range(first, first + count)
+        raise AssertionError("no free ports")
+
+    return find

@@ -58,6 +58,22 @@ def test_lists_come_from_the_environment_as_json(written, monkeypatch: pytest.Mo
     assert load(written("")).webrtc.addresses == ["192.0.2.1"]
 
 
+def test_what_webrtc_needs_behind_a_firewall(written) -> None:
+    text = """
+    webrtc:
+      addresses: [203.0.113.5, "2001:db8::1"]
+      ports: 50000-50100
+      stun: stun:stun.example.org:3478
+      turn: {url: "turns:turn.example.org?transport=tcp", username: mary, credential: "se\\"cret"}
+      ice_servers: [{urls: "stun:stun.example.org"}, {urls: ["turn:a", "turns:b"], username: u, credential: c}]
+    server: {cors_origins: ["https://www.example.org", "http://localhost:3000", "http://[::1]:80", "*"]}
+    """
+    webrtc = load(written(text)).webrtc
+    assert webrtc.port_range == range(50000, 50101)
+    assert [server.urls for server in webrtc.ice_servers] == [["stun:stun.example.org"], ["turn:a", "turns:b"]]
+    assert Settings().webrtc.port_range is None
+
+
 def test_relative_folders_are_relative_to_the_file(written) -> None:
     path = written("avatars: {folder: faces}\n")
     assert load(path).avatars.folder == path.parent / "faces"
@@ -85,6 +101,29 @@ def test_without_a_file_here_that_of_the_repository_is_used(tmp_path: Path, monk
         ("stream: {preset: fastest}", "stream.preset", "'fastest'"),
         ("render: {preset: fastest}", "render.preset", "'veryslow'"),
         ("webrtc: {ice_servers: [{url: x}]}", "webrtc.ice_servers.0.urls", "required"),
+        ("webrtc: {ice_servers: [{urls: 'http://x'}]}", "webrtc.ice_servers.0.urls.0", "http://x"),
+        ("webrtc: {ice_servers: [{urls: 'turn:x>'}]}", "webrtc.ice_servers.0.urls.0", "turn:x>"),
+        ("webrtc: {ice_servers: [{urls: []}]}", "webrtc.ice_servers.0.urls", "at least 1"),
+        ("webrtc: {ice_servers: [{urls: 'turn:x', credential: 'ü'}]}", "webrtc.ice_servers.0.credential", "ü"),
+        ("webrtc: {addresses: [www.example.org]}", "webrtc.addresses.0", "no host name"),
+        *(
+            (f"webrtc: {{ports: {ports!r}}}", "webrtc.ports", "range of ports")
+            for ports in ("50000", "50100-50000", "80-90", "60000-70000", "50000-50100,6", "a-b", " ")
+        ),
+        ("webrtc: {stun: 'stuns:stun.example.org'}", "webrtc.stun", "stuns:"),
+        ("webrtc: {turn: {url: 'stun:x', username: a, credential: b}}", "webrtc.turn.url", "stun:x"),
+        ("webrtc: {turn: {url: 'turn:x'}}", "webrtc.turn.username", "required"),
+        *(
+            (f"server: {{cors_origins: [{origin!r}]}}", "server.cors_origins.0", "not an origin")
+            for origin in (
+                "www.example.org",
+                "https://www.example.org/",
+                "https://*.example.org",
+                "null",
+                "ftp://x",
+                "",
+            )
+        ),
     ],
 )
 def test_wrong_values_are_named(written, text: str, field: str, words: str) -> None:

@@ -8,7 +8,8 @@ from importlib.metadata import version
 
 from fastapi import FastAPI
 
-from app.api import catalogue, conversation, health, latency, live, page, problems, render, streams
+from app.api import catalogue, conversation, health, latency, live, page, problems, render, streams, whep
+from app.api.cross_origin import CrossOrigin
 from app.api.middleware import BodyLimit, Envelope
 from app.api.schemas import Problem
 from app.api.service import Service
@@ -48,8 +49,10 @@ def create_app(settings: Settings) -> FastAPI:
     app.state.service = Service(settings)
     app.add_middleware(BodyLimit, limit=body_limit(settings))
     app.add_middleware(Envelope)
+    if settings.server.cors_origins:
+        app.add_middleware(CrossOrigin, origins=settings.server.cors_origins)
     problems.install(app)
-    for part in (streams, live, conversation, render, catalogue, latency, health, problems, page):
+    for part in (streams, live, whep, conversation, render, catalogue, latency, health, problems, page):
         app.include_router(part.router)
     page.mount(app)
     return app

@@ -1,4 +1,4 @@
-"""Watching a stream: HTTP-FLV, fragmented MP4, WebRTC (WHEP), the finished video, and its events."""
+"""Watching a stream over HTTP: FLV, fragmented MP4, the finished video, and its events."""
 
 from __future__ import annotations
 
@@ -12,13 +12,10 @@ import structlog
 from fastapi import APIRouter, Query, Request
 from fastapi.responses import FileResponse, Response, StreamingResponse
 from sse_starlette import EventSourceResponse
-from starlette.datastructures import Headers
-from starlette.exceptions import HTTPException
 from starlette.types import Send
 
 from app.api.service import LoadedService
-from app.config import IceServer
-from app.errors import Gone, InputError, NegotiationFailed, TooLong
+from app.errors import Gone, InputError
 from app.stream.events import EVENT_NAMES, EventName
 from app.stream.live import LiveStream
 
@@ -143,53 +140,3 @@ async def _encoded(parts: AsyncIterator[str]) -> AsyncIterator[bytes]:
     async with aclosing(parts):  # type: ignore[type-var]
         async for part in parts:
             yield part.encode()
-
-
-@router.post("/whep", status_code=201, response_class=Response)
-async def whep(stream_id: str, request: Request, service: LoadedService) -> Response:
-    """Watch over WebRTC (WHEP, draft-ietf-wish-whep-03): an SDP offer in, the answer out.
-
-    All candidates are in the answer; `DELETE` the `Location` to leave.
-    """
-    stream = service.streams.get(stream_id)
-    if stream.state == "ended":
-        raise Gone("the stream has ended")
-    viewer, answer = await stream.whep(await _offer(request, service.settings.limits.sdp))
-    response = Response(answer, 201, {**_NO_STORE, "Location": f"/v1/streams/{stream_id}/whep/{viewer}"})
-    response.headers["Content-Type"] = "application/sdp"
-    for server in service.settings.webrtc.ice_servers:
-        response.headers.append("Link", _ice_link(server))
-    return response
-
-
-async def _offer(request: Request, limit: int) -> str:
-    content_type = Headers(scope=request.scope).get("content-type", "")
-    if content_type.partition(";")[0].strip().lower() != "application/sdp":
-        raise HTTPException(415, "a WebRTC offer has the content type application/sdp")
-    body = await request.body()
-    if len(body) > limit:
-        raise TooLong(f"the offer has {len(body):,} bytes, at most {limit:,} are taken")
-    try:
-        offer = body.decode("utf-8")
-    except UnicodeDecodeError as error:
-        raise NegotiationFailed(f"the offer is not UTF-8: byte {error.start}") from error
-    if not offer.strip():
-        raise NegotiationFailed("the offer is empty", advice="Send the SDP of RTCPeerConnection.createOffer().")
-    return offer
-
-
-def _ice_link(server: IceServer) -> str:
-    parts = [f"<{server.urls}>", 'rel="ice-server"']
-    if server.username is not None:
-        parts.append(f'username="{server.username}"')
-    if server.credential is not None:
-        parts.append(f'credential="{server.credential}"')
-        parts.append('credential-type="password"')
-    return "; ".join(parts)
-
-
-@router.delete("/whep/{viewer}", response_class=Response)
-async def leave(stream_id: str, viewer: str, service: LoadedService) -> Response:
-    """Stop watching over WebRTC."""
-    await service.streams.get(stream_id).leave(viewer)
-    return Response(status_code=200)

@@ -22,15 +22,19 @@ _SLUGS = {
     400: "bad-request",
     404: "not-found",
     405: "method-not-allowed",
+    412: "precondition-failed",
     413: "too-long",
     415: "unsupported-media-type",
     416: "range-not-satisfiable",
+    428: "precondition-required",
     500: "internal",
 }
 _ADVICE = {
     404: "See /docs for what is there.",
     405: "The Allow header names the methods that work here.",
+    412: "Send the ETag of the answer to the offer in If-Match.",
     413: "Send less at a time.",
+    428: "Send the ETag of the answer to the offer in If-Match.",
 }
 
 EXPLANATIONS = {
@@ -47,6 +51,9 @@ EXPLANATIONS = {
     "speech-failed": "The speech engine failed.",
     "alignment-failed": "The aligner failed.",
     "negotiation-failed": "The WebRTC offer is broken or has nothing in common with what the service can send.",
+    "ice-restart-refused": "A WebRTC connection keeps its ICE credentials. DELETE it and send a new offer instead.",
+    "precondition-required": "The request must say by If-Match which ICE session it is about.",
+    "precondition-failed": "The request is about another ICE session than the present one.",
     "bad-request": "The request could not be read.",
     "method-not-allowed": "This address does not answer to this method.",
     "unsupported-media-type": "The body is of a type that this address does not take.",

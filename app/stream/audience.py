@@ -13,6 +13,7 @@ from app.stream import whep
 from app.stream.broadcast import Broadcast
 from app.stream.container import FORMATS, Format
 from app.stream.encoder import AacEncoder, VideoEncoder
+from app.stream.ice import IceOptions
 from app.stream.mux import LiveMuxer
 from app.stream.packet import Packet
 from app.stream.seats import Seats
@@ -129,7 +130,6 @@ class Audience:
             NegotiationFailed: the offer cannot be answered.
             OverCapacity: no seat or no socket is free.
         """
-        settings = self._settings.webrtc
         taken = ExitStack()
         made: list[whep.WhepViewer] = []
 
@@ -154,8 +154,7 @@ class Audience:
                 request_keyframe=picture_wanted,
                 on_connected=connected,
                 on_closed=left,
-                addresses=settings.addresses,
-                loopback=settings.loopback,
+                ice=IceOptions.of(self._settings.webrtc),
             )
         except BaseException:
             taken.close()
@@ -167,8 +166,8 @@ class Audience:
             self._on_change()
         return peer
 
-    async def leave(self, viewer: str) -> None:
-        """Disconnect a WebRTC viewer.
+    def peer(self, viewer: str) -> whep.WhepViewer:
+        """A WebRTC viewer.
 
         Raises:
             NotFound: no such viewer.
@@ -176,7 +175,7 @@ class Audience:
         peer = self._peers.get(viewer)
         if peer is None:
             raise NotFound(f"no viewer {viewer}")
-        await peer.close()
+        return peer
 
     async def close(self, grace: float = 0.0) -> None:
         """Disconnect the WebRTC viewers. Those over HTTP end with the broadcast, after what is queued for them.

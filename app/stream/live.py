@@ -25,6 +25,7 @@ from app.stream.timeline import IdlePhase
 from app.stream.timing import LatencyLog, LoggedUtterance
 from app.stream.utterance import Narrator, Script, Utterance, UtteranceReport
 from app.stream.utterances import Utterances
+from app.stream.whep import WhepViewer
 
 if TYPE_CHECKING:
     from app.engine.avatar import Avatar
@@ -208,8 +209,8 @@ class LiveStream:
         """
         return self._living().audience.watch(format)
 
-    async def whep(self, offer: str) -> tuple[str, str]:
-        """Answer a WebRTC offer; returns the viewer's id and the SDP.
+    async def whep(self, offer: str) -> WhepViewer:
+        """Answer a WebRTC offer.
 
         Raises:
             Gone: the stream has ended.
@@ -220,17 +221,17 @@ class LiveStream:
         if self._ending:  # meanwhile
             await peer.close()
             self._living()
-        return peer.id, peer.answer
+        return peer
 
-    async def leave(self, viewer: str) -> None:
-        """Disconnect a WebRTC viewer.
+    def peer(self, viewer: str) -> WhepViewer:
+        """The WebRTC viewer of that id, as long as it is connected or connecting.
 
         Raises:
             NotFound: no such viewer.
         """
         if self._production is None:
             raise NotFound(f"no viewer {viewer}")
-        await self._production.audience.leave(viewer)
+        return self._production.audience.peer(viewer)
 
     def events(self, names: Collection[str] = EVENT_NAMES) -> AsyncIterator[Event]:
         """What happens from the first iteration on; ends with the stream.

@@ -1,21 +1,22 @@
-"""WebRTC viewers by WHEP (draft-ietf-wish-whep): an SDP offer in, an answer out, then shared packets over RTP."""
+"""WebRTC viewers by WHEP (draft-ietf-wish-whep-03): an SDP offer in, an answer out, then shared packets over RTP."""
 
 from __future__ import annotations
 
 import asyncio
 import logging
 import secrets
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 from aiortc import RTCConfiguration, RTCPeerConnection, RTCRtpSender, RTCSessionDescription
-from aiortc.sdp import SessionDescription
+from aiortc.sdp import SessionDescription, candidate_from_sdp
 
-from app.errors import NegotiationFailed, OverCapacity
+from app.errors import IceRestartRefused, MaryError, NegotiationFailed, OverCapacity
 from app.stream.broadcast import Broadcast
-from app.stream.ice import offer_addresses, usable_candidates
+from app.stream.ice import MAX_CANDIDATES, IceOptions, gather_as, usable, usable_candidates
 from app.stream.packet import Kind, Packet
 from app.stream.rtp import PacketTrack, WallClock, attach
+from app.stream.trickle import Section
 
 logger = logging.getLogger(__name__)
 
@@ -32,6 +33,7 @@ class WhepViewer:
 
     Attributes:
         id: 128 random bits, URL-safe.
+        etag: names its ICE session, which is the same until it ends: an entity-tag with its quotes.
         answer: the SDP answer.
         connected: media could flow.
         closed: it is over.
@@ -40,16 +42,22 @@ class WhepViewer:
     def __init__(
         self,
         connection: RTCPeerConnection,
+        offer: SessionDescription,
         transports: Sequence[Any],
         on_connected: Callable[[WhepViewer], None] | None,
         on_closed: Callable[[WhepViewer], None] | None,
         connect_seconds: float,
     ) -> None:
         self.id = secrets.token_urlsafe(16)
+        self.etag = f'"{secrets.token_hex(8)}"'
         self.answer = ""
         self.connected = False
         self.closed = False
         self._connection = connection
+        self._offer = offer
+        self._candidates = {
+            (media.rtp.muxId, each.ip, each.port) for media in offer.media for each in media.ice_candidates
+        }
         self._transports = transports
         self._on_connected = on_connected
         self._on_closed = on_closed
@@ -57,6 +65,38 @@ class WhepViewer:
         self._closing: asyncio.Task[None] | None = None
         self._timer = self._loop.call_later(connect_seconds, self._begin_closing)
         connection.on("connectionstatechange", self._state_changed)
+
+    async def trickle(self, sections: Sequence[Section]) -> None:
+        """Take candidates that the viewer found after its offer. Useless ones are passed over in silence.
+
+        Raises:
+            NegotiationFailed: a section is not one of the offer's.
+            IceRestartRefused: the credentials are not those of the offer.
+        """
+        offered = {media.rtp.muxId: media for media in self._offer.media}
+        for section in sections:
+            media = offered.get(section.mid)
+            if media is None:
+                raise NegotiationFailed(f"the offer has no section {section.mid[:40]!r}")
+            ice = media.ice
+            assert ice is not None  # or the offer would not have been taken
+            if (section.ufrag, section.password) != (ice.usernameFragment, ice.password):
+                raise IceRestartRefused(
+                    "other ICE credentials than the offer's would restart ICE, which is not supported",
+                    advice="Keep the connection as long as it works; then DELETE it and send a new offer.",
+                )
+        for candidate in (each for section in sections for each in self._fresh(section)):
+            await self._connection.addIceCandidate(candidate)
+
+    def _fresh(self, section: Section) -> Iterator[Any]:
+        for value in section.candidates:
+            if len(self._candidates) < MAX_CANDIDATES and usable(value.split()):
+                candidate = candidate_from_sdp(value)
+                candidate.sdpMid = section.mid
+                key = (section.mid, candidate.ip, candidate.port)
+                if key not in self._candidates:
+                    self._candidates.add(key)
+                    yield candidate
 
     async def close(self) -> None:
         """End the connection. May be called more than once."""
@@ -99,8 +139,7 @@ async def answer(
     request_keyframe: Callable[[], None],
     on_connected: Callable[[WhepViewer], None] | None = None,
     on_closed: Callable[[WhepViewer], None] | None = None,
-    addresses: Sequence[str] = (),
-    loopback: bool = False,
+    ice: IceOptions | None = None,
     connect_seconds: float = 15.0,
 ) -> WhepViewer:
     """Answer an offer to receive `source`. Every callback is called on the event loop.
@@ -112,16 +151,18 @@ async def answer(
             (`VideoEncoder.request_keyframe` does that).
         on_connected: called once if the viewer connects.
         on_closed: called exactly once, however the viewer ends.
-        addresses, loopback: see `app.stream.ice`.
+        ice: what the answer offers to connect to; None: the addresses of the network interfaces.
         connect_seconds: a viewer that has not connected by then is closed.
 
     Raises:
         NegotiationFailed: the offer is no SDP, or wants nothing that can be sent.
         OverCapacity: no socket can be opened.
     """
-    kinds = _wanted(offer)
-    # No servers: without this aiortc would ask a public STUN server, and wait for it.
-    connection = RTCPeerConnection(RTCConfiguration(iceServers=[]))
+    ice = ice or IceOptions()
+    offer = usable_candidates(offer)
+    description, kinds = _wanted(offer)
+    # Also an empty list has to be said: without one aiortc asks a public STUN server, and waits for it.
+    connection = RTCPeerConnection(RTCConfiguration(iceServers=list(ice.servers)))
     clock = WallClock()
     tracks: list[PacketTrack] = []
     transports: list[Any] = []
@@ -133,14 +174,17 @@ async def answer(
             transceiver.setCodecPreferences(_preferred(kind))
             attach(transceiver.sender, track, request_keyframe)
             transport = transceiver.sender.transport.transport.iceGatherer._connection
-            offer_addresses(transport, addresses, loopback=loopback)
+            gather_as(transport, ice)
             tracks.append(track)
             transports.append(transport)
-        await connection.setRemoteDescription(RTCSessionDescription(usable_candidates(offer), "offer"))
+        await connection.setRemoteDescription(RTCSessionDescription(offer, "offer"))
         await connection.setLocalDescription(await connection.createAnswer())
         sdp = connection.localDescription.sdp
         if "a=candidate:" not in sdp:  # aioice goes on without the sockets it cannot open
             raise OSError("no UDP socket could be opened")
+    except MaryError:
+        await _close(connection, transports)
+        raise
     except OSError as error:  # the server's trouble, not the offer's
         await _close(connection, transports)
         raise OverCapacity(
@@ -155,11 +199,19 @@ async def answer(
     except BaseException:
         await _close(connection, transports)
         raise
-    viewer = WhepViewer(connection, transports, on_connected, on_closed, connect_seconds)
+    viewer = WhepViewer(connection, description, transports, on_connected, on_closed, connect_seconds)
     for track in tracks:
         track.on("ended", viewer._track_ended)
-    viewer.answer = sdp
+    viewer.answer = _completed(sdp)
     return viewer
+
+
+def _completed(answer: str) -> str:
+    """With what WHEP asks for and aiortc leaves out: that candidates may be trickled, and that RTCP is not separate."""
+    session, media = answer.split("m=", 1)
+    bundled = "a=group:BUNDLE" in session
+    media = media.replace("a=rtcp-mux\r\n", "a=rtcp-mux\r\na=rtcp-mux-only\r\n") if bundled else media
+    return f"{session}a=ice-options:trickle\r\nm={media}"
 
 
 async def _close(connection: RTCPeerConnection, transports: Sequence[Any]) -> None:
@@ -173,8 +225,8 @@ async def _close(connection: RTCPeerConnection, transports: Sequence[Any]) -> No
         await transport.close()
 
 
-def _wanted(offer: str) -> list[str]:
-    """The kinds of media ("video", "audio") the offer wants to receive and that can be sent."""
+def _wanted(offer: str) -> tuple[SessionDescription, list[str]]:
+    """The offer, read, and the kinds of media ("video", "audio") that it wants to receive and that can be sent."""
     advice = "Send an SDP offer with recvonly video and audio, as RTCPeerConnection.createOffer makes it."
     try:
         description = SessionDescription.parse(offer)
@@ -200,7 +252,7 @@ def _wanted(offer: str) -> list[str]:
                 f"{each.kind} is sent as {_NAMES[each.kind]} only, the offer's codecs are: {names}",
                 advice=f"Use a browser that plays {_NAMES[each.kind]} over WebRTC.",
             )
-    return [kind for kind in _KINDS if kind in kinds]
+    return description, [kind for kind in _KINDS if kind in kinds]
 
 
 def _preferred(kind: str) -> list[Any]:

@@ -240,29 +240,3 @@ def test_events_tell_what_happens(server: str, curl) -> None:
     assert "speaking" in states
     assert states[-1] == "ended"
     assert curl(here).status in (200, 404, 410)
-
-
-async def test_webrtc_is_offered_and_left(server: str, curl, tmp_path: Path) -> None:
-    from aiortc import RTCPeerConnection
-
-    made = create(server)
-    peer = RTCPeerConnection()
-    try:
-        peer.addTransceiver("video", direction="recvonly")
-        peer.addTransceiver("audio", direction="recvonly")
-        await peer.setLocalDescription(await peer.createOffer())
-        offer = tmp_path / "offer.sdp"
-        offer.write_text(peer.localDescription.sdp)
-    finally:
-        await peer.close()
-    options = ("--header", "Content-Type: application/sdp", "--data-binary", f"@{offer}")
-    answer = curl(server + made["urls"]["whep"], *options)
-    assert answer.status == 201, answer.body
-    assert answer.headers["content-type"] == "application/sdp"
-    assert answer.headers["cache-control"] == "no-store"
-    assert answer.body.startswith(b"v=0")
-    viewer = answer.headers["location"]
-    assert viewer.startswith(f"{made['urls']['whep']}/")
-    assert curl(server + viewer, "--request", "DELETE").status == 200
-    assert curl(server + viewer, "--request", "DELETE").status == 404
-    curl(server + made["urls"]["self"], "--request", "DELETE")

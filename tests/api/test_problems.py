@@ -76,6 +76,9 @@ CASES = [
             ("POST", "/v1/streams/none/whep", OFFER_OF_NOTHING, (SDP,)),
             ("DELETE", "/v1/streams/none/whep/none", None, ()),
             ("DELETE", "/v1/streams/{id}/whep/none", None, ()),
+            ("PATCH", "/v1/streams/{id}/whep/none", "", ()),
+            ("GET", "/v1/streams/{id}/whep/none", None, ()),
+            ("GET", "/v1/streams/none/whep", None, ()),
             ("GET", "/v1/streams/{id}/video.mp4", None, ()),
             ("GET", "/v1/streams/{id}/video.mp4?utterance=none", None, ()),
             ("POST", "/v1/streams/{id}/utterances/none/shown", order(milliseconds=5), (JSON,)),
@@ -151,7 +154,8 @@ CASES = [
     Case("PUT", "/v1/streams", 405, "method-not-allowed", method="PUT"),
     Case("POST", "/v1/avatars", 405, "method-not-allowed", method="POST", body="{}"),
     Case("OPTIONS", "/v1/streams", 405, "method-not-allowed", method="OPTIONS"),
-    Case("PATCH of a viewer", "/v1/streams/{id}/whep/x", 405, "method-not-allowed", method="PATCH", headers=()),
+    Case("PUT of an offer", "/v1/streams/{id}/whep", 405, "method-not-allowed", method="PUT"),
+    Case("POST to a viewer", "/v1/streams/{id}/whep/x", 405, "method-not-allowed"),
 ]
 
 

@@ -14,10 +14,11 @@ from puppet import BACKGROUND, OPEN, SIZE, TinyAvatar, TinyNarrator, until
 from app.config import Settings
 from app.engine.pool import OrderedPool
 from app.errors import NegotiationFailed, NotFound, OverCapacity
-from app.stream.ice import offer_addresses
+from app.stream.ice import IceOptions, gather_as
 from app.stream.live import LiveStream, StreamOptions
 from app.stream.seats import Seats
 from app.stream.timing import LatencyLog
+from app.stream.whep import WhepViewer
 
 SETTINGS = Settings(stream={"preset": "ultrafast", "crf": 12, "start_seconds": 60})
 
@@ -35,7 +36,7 @@ class Browser:
     async def offer(self) -> str:
         for kind in ("video", "audio"):
             transceiver = self.connection.addTransceiver(kind, direction="recvonly")
-            offer_addresses(transceiver.receiver.transport.transport.iceGatherer._connection, [], loopback=True)
+            gather_as(transceiver.receiver.transport.transport.iceGatherer._connection, IceOptions(loopback=True))
         await self.connection.setLocalDescription(await self.connection.createOffer())
         return str(self.connection.localDescription.sdp)
 
@@ -92,10 +93,10 @@ async def make(pool: OrderedPool, tmp_path: Path) -> AsyncIterator[Any]:
         await stream.end()
 
 
-async def join(stream: LiveStream) -> tuple[Browser, str]:
+async def join(stream: LiveStream) -> tuple[Browser, WhepViewer]:
     browser = Browser()
-    viewer, sdp = await stream.whep(await browser.offer())
-    await browser.accept(sdp)
+    viewer = await stream.whep(await browser.offer())
+    await browser.accept(viewer.answer)
     return browser, viewer
 
 
@@ -113,10 +114,10 @@ async def test_speech_waits_until_webrtc_is_connected_and_is_seen_and_heard_whol
     assert utterance.timings.milliseconds()["viewer"] > 0
     await until(lambda: opened(browser) == 2 and browser.upper[-1] < 60)
     assert max(browser.loudness) > 5000
-    await stream.leave(viewer)
+    await stream.peer(viewer.id).close()
     assert stream.report().viewers["whep"] == 0
     with pytest.raises(NotFound):
-        await stream.leave(viewer)
+        stream.peer(viewer.id)
     await until(lambda: stream.idle_since is not None)
     await browser.close()
 
@@ -174,12 +175,12 @@ async def test_webrtc_viewers_are_limited_over_all_streams(make: Any) -> None:
     assert seats.taken == 0
     browsers = [Browser() for _ in range(3)]
     offers = [await browser.offer() for browser in browsers]
-    first, _ = await one.whep(offers[0])
+    first = await one.whep(offers[0])
     await other.whep(offers[1])
     with pytest.raises(OverCapacity, match="2 WebRTC viewers"):
         await other.whep(offers[2])
     assert other._production.audience._seats.taken == 1
-    await one.leave(first)
+    await first.close()
     assert seats.taken == 1
     await other.whep(offers[2])
     await other.end()

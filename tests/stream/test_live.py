@@ -468,7 +468,7 @@ async def test_bad_requests_are_refused(stage: Any) -> None:
     with pytest.raises(NotFound):
         live.stream.video("nobody")
     with pytest.raises(NotFound):
-        await live.stream.leave("nobody")
+        live.stream.peer("nobody")
     assert live.stream.say("1").unread == ()
     with pytest.raises(NotReady):
         live.stream.video()

@@ -140,7 +140,7 @@ async def test_of_an_ended_stream_only_its_record_is_kept(pool: OrderedPool) -> 
             with pytest.raises(Gone):
                 refused()
         with pytest.raises(NotFound):
-            await stream.leave("nobody")
+            stream.peer("nobody")
         assert [event.data async for event in stream.events()] == [{"state": "ended"}]
 
 

@@ -5,9 +5,11 @@ import contextlib
 import errno
 import gc
 import random
+import socket
 import threading
 import time
 from collections.abc import AsyncIterator, Iterator
+from dataclasses import replace
 from typing import Any
 
 import aioice.ice
@@ -16,10 +18,11 @@ from aiortc import RTCConfiguration, RTCPeerConnection, RTCRtpReceiver, RTCSessi
 from aiortc.mediastreams import MediaStreamError
 from patterns import FPS, Studio, read_index
 
-from app.errors import NegotiationFailed, OverCapacity
+from app.errors import IceRestartRefused, NegotiationFailed, OverCapacity
 from app.stream.broadcast import Broadcast
-from app.stream.ice import offer_addresses
+from app.stream.ice import MAX_CANDIDATES, IceOptions, gather_as
 from app.stream.packet import Packet
+from app.stream.trickle import Section
 from app.stream.whep import WhepViewer, answer
 
 SKEW = 2  # frames by which pictures are sent ahead of their sound
@@ -55,7 +58,7 @@ class Station:
         self.studio.video.request_keyframe()
 
     async def admit(self, offer: str, **options: Any) -> WhepViewer:
-        options = {"loopback": True, **options}
+        options = {"ice": IceOptions(loopback=True), **options}
         return await answer(
             offer,
             self.source,
@@ -92,7 +95,7 @@ class Client:
         for kind in kinds:
             transceiver = self.connection.addTransceiver(kind, direction=direction)
             self._listen(transceiver.receiver, kind)
-            offer_addresses(transceiver.receiver.transport.transport.iceGatherer._connection, [], loopback=True)
+            gather_as(transceiver.receiver.transport.transport.iceGatherer._connection, IceOptions(loopback=True))
         await self.connection.setLocalDescription(await self.connection.createOffer())
         return self.connection.localDescription.sdp
 
@@ -234,10 +237,103 @@ async def test_the_answer(station: Station, clients: list[Client]) -> None:
     await viewer.close()
 
 
+async def test_the_answer_is_as_the_draft_wants_it(station: Station, clients: list[Client]) -> None:
+    """Bundled, RTCP not apart, one media stream, all candidates in it."""
+    _, viewer = await join(station, clients)
+    session, *sections = viewer.answer.split("m=")
+    assert "a=ice-options:trickle\r\n" in session
+    assert "a=group:BUNDLE 0 1\r\n" in session
+    streams = set()
+    for section in sections:
+        lines = section.splitlines()
+        assert {"a=sendonly", "a=rtcp-mux", "a=rtcp-mux-only", "a=end-of-candidates"} <= set(lines)
+        (media_stream,) = (line.split()[0] for line in lines if line.startswith("a=msid:"))
+        streams.add(media_stream)
+    assert len(sections) == 2
+    assert len(streams) == 1
+    await viewer.close()
+
+
+def candidates(sdp: str) -> list[str]:
+    return [line.removeprefix("a=candidate:") for line in sdp.splitlines() if line.startswith("a=candidate:")]
+
+
+def fragment_of(offer: str) -> Section:
+    """What a viewer would send who has found its candidates after `offer`."""
+    values = dict(line.removeprefix("a=").partition(":")[::2] for line in offer.splitlines() if line.startswith("a="))
+    section = offer.split("m=")[1]  # the first one is that of the bundle
+    (mid,) = (line.removeprefix("a=mid:") for line in section.splitlines() if line.startswith("a=mid:"))
+    return Section(mid, values["ice-ufrag"], values["ice-pwd"], candidates(section))
+
+
+async def test_trickled_candidates_are_what_connects(station: Station, clients: list[Client]) -> None:
+    """Neither side knows the other at first, so that only the server's checks can bring them together."""
+    client = Client()
+    clients.append(client)
+    offer = await client.offer()
+    viewer = await station.admit(_without(offer, "a=candidate"))
+    await client.accept(_without(_without(viewer.answer, "a=candidate"), "a=end-of-candidates"))
+    await asyncio.sleep(0.3)
+    assert not viewer.connected
+    assert client.connection.iceConnectionState == "checking"
+    await viewer.trickle([fragment_of(offer)])
+    assert len(await client.frames("video", 5)) == 5
+    await viewer.trickle([fragment_of(offer)])  # once more, and late
+    assert len(await client.frames("video", 5)) == 5
+    await viewer.close()
+
+
+async def test_useless_candidates_are_passed_over(station: Station, clients: list[Client]) -> None:
+    client = Client()
+    clients.append(client)
+    offer = await client.offer()
+    viewer = await station.admit(_without(offer, "a=candidate"))
+    section = fragment_of(offer)
+    section.candidates = [
+        "1 1 tcp 1518280447 192.0.2.1 9 typ host tcptype active",
+        "2 1 udp 2113937151 0d9c3cd5.local 51341 typ host",
+        *(f"{port} 1 udp 2113937151 192.0.2.1 {port} typ host" for port in range(1000, 1100)),
+        *(f"{port} 1 udp 2113937151 192.0.2.1 {port} typ host" for port in range(1000, 1100)),
+    ]
+    await viewer.trickle([section])
+    known = viewer._transports[0].remote_candidates
+    assert len(known) == MAX_CANDIDATES
+    assert {each.host for each in known} == {"192.0.2.1"}
+    await viewer.close()
+    await viewer.trickle([section])  # overtaken by the end
+
+
+async def test_foreign_fragments_are_refused_and_change_nothing(station: Station, clients: list[Client]) -> None:
+    client = Client()
+    clients.append(client)
+    offer = await client.offer()
+    viewer = await station.admit(_without(offer, "a=candidate"))
+    await client.accept(viewer.answer)
+    good = fragment_of(offer)
+    for changed in (replace(good, ufrag="other"), replace(good, password="x" * 24)):
+        with pytest.raises(IceRestartRefused):
+            await viewer.trickle([good, changed])
+    with pytest.raises(NegotiationFailed, match="'9'"):
+        await viewer.trickle([good, replace(good, mid="9")])
+    assert len(await client.frames("video", 3)) == 3  # the connection is as it was
+    await viewer.close()
+
+
+async def test_a_used_up_range_of_ports_is_no_fault_of_the_offer(station: Station, clients: list[Client]) -> None:
+    with socket.socket(type=socket.SOCK_DGRAM) as taken:
+        taken.bind(("127.0.0.1", 0))
+        port = taken.getsockname()[1]
+        client = Client()
+        clients.append(client)
+        with pytest.raises(OverCapacity, match=str(port)):
+            await station.admit(await client.offer(), ice=IceOptions(ports=range(port, port + 1), loopback=True))
+    assert station.source.subscribers == 0
+
+
 async def test_advertised_addresses(station: Station, clients: list[Client]) -> None:
     client = Client()
     clients.append(client)
-    viewer = await station.admit(await client.offer(), addresses=["203.0.113.5"], loopback=False)
+    viewer = await station.admit(await client.offer(), ice=IceOptions(("203.0.113.5",)))
     hosts = [line.split()[4] for line in viewer.answer.splitlines() if line.startswith("a=candidate:")]
     assert set(hosts) <= {"203.0.113.5"}
     await viewer.close()
