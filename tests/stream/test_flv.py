@@ -63,16 +63,50 @@ def test_a_player_reads_it(tmp_path: Path) -> None:
     assert indices(path.read_bytes()) == list(range(50))
 
 
-def test_metadata_say_size_and_rate() -> None:
+def amf(data: bytes) -> tuple[Any, bytes]:
+    """The first AMF 0 value and what follows it: numbers, booleans, strings and the list of names of onMetaData."""
+    kind, data = data[0], data[1:]
+    if kind == 0:
+        return struct.unpack(">d", data[:8])[0], data[8:]
+    if kind == 1:
+        return bool(data[0]), data[1:]
+    if kind == 2:
+        size = int.from_bytes(data[:2], "big")
+        return data[2 : 2 + size].decode(), data[2 + size :]
+    assert kind == 8
+    announced, data = int.from_bytes(data[:4], "big"), data[4:]
+    found: dict[str, Any] = {}
+    while data[:3] != b"\0\0\x09":
+        name, data = amf(b"\2" + data)
+        found[name], data = amf(data)
+    assert len(found) == announced
+    return found, data[3:]
+
+
+def test_metadata_say_what_follows() -> None:
     studio = Studio()
     header, _ = written(studio, [])
-    ((kind, _, script), *sequence_headers) = tags(header.data[13:])
-    assert kind == 18
-    wanted = {"width": WIDTH, "height": HEIGHT, "framerate": FPS, "videocodecid": 7, "audiocodecid": 10}
-    for key, value in wanted.items():
-        amf = script[script.index(key.encode()) + len(key) :]
-        assert amf[0] == 0  # a number
-        assert struct.unpack(">d", amf[1:9])[0] == value
+    assert header.data[:13] == b"FLV\x01\x05\0\0\0\x09\0\0\0\0"  # sound and pictures
+    ((kind, time, script), *sequence_headers) = tags(header.data[13:])
+    assert (kind, time) == (18, 0)
+    name, rest = amf(script)
+    metadata, rest = amf(rest)
+    assert (name, rest) == ("onMetaData", b"")
+    encoder = metadata.pop("encoder")
+    assert encoder.startswith("Lavf")
+    # No duration and no file size: players would take zeros for the length of a file.
+    assert metadata == {
+        "width": WIDTH,
+        "height": HEIGHT,
+        "framerate": FPS,
+        "videocodecid": 7,  # AVC
+        "videodatarate": 0,  # not constant
+        "audiocodecid": 10,  # AAC
+        "audiosamplerate": 48_000,
+        "audiosamplesize": 16,
+        "stereo": False,
+        "audiodatarate": pytest.approx(96_000 / 1024),
+    }
     assert [(kind, body[1]) for kind, _, body in sequence_headers] == [(9, 0), (8, 0)]
 
 
