@@ -242,7 +242,7 @@ def _wanted(offer: str) -> tuple[SessionDescription, list[str]]:
         raise NegotiationFailed("the offer does not ask to receive video or audio", advice=advice)
     if len(media) < len(description.media) or len(set(kinds)) < len(kinds) or not set(kinds) <= set(_KINDS):
         raise NegotiationFailed("the offer has more than a video and an audio section to receive", advice=advice)
-    if any(each.dtls is None for each in media):
+    if any(each.dtls is None or not each.dtls.fingerprints for each in media):
         raise NegotiationFailed("the offer has no DTLS fingerprint", advice=advice)
     for each in media:
         offered = {codec.mimeType for codec in each.rtp.codecs}

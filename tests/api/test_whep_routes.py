@@ -190,6 +190,62 @@ async def test_patches_that_do_not_fit_are_refused(server: str, http: httpx.Asyn
     await http.delete(urls["self"])
 
 
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ("VP8 only", "H.264"),
+        ("G.711 only", "Opus"),
+        ("another H.264", "cannot be answered"),
+        ("sendonly", "does not ask to receive"),
+        ("inactive", "does not ask to receive"),
+        ("data channel only", "does not ask to receive"),
+        ("data channel too", "more than a video and an audio section"),
+        ("two pictures", "more than a video and an audio section"),
+        ("no fingerprint", "DTLS"),
+        ("no credentials", "ICE"),
+    ],
+)
+async def test_offers_that_cannot_be_answered(
+    server: str, http: httpx.AsyncClient, viewers: Any, change: str, words: str
+) -> None:
+    viewer = viewers()
+    if change.startswith("data channel"):
+        viewer.peer.createDataChannel("talk")
+    kinds = {"data channel only": (), "two pictures": ("video", "audio", "video"), "G.711 only": ("audio",)}
+    offer = await viewer.offer(kinds.get(change, ("video", "audio")))
+    offer = {
+        "VP8 only": lambda: offer.replace("H264/90000", "VP8/90000"),
+        "G.711 only": lambda: without(offer, "a=rtpmap:96"),  # aiortc's number for Opus
+        "another H.264": lambda: offer.replace("42e01f", "640c1f").replace("42001f", "4d001f"),
+        "sendonly": lambda: offer.replace("a=recvonly", "a=sendonly"),
+        "inactive": lambda: offer.replace("a=recvonly", "a=inactive"),
+        "no fingerprint": lambda: without(offer, "a=fingerprint"),
+        "no credentials": lambda: without(offer, "a=ice-ufrag"),
+    }.get(change, lambda: offer)()
+    urls = await create(http, server)
+    answer = await viewer.send(urls["whep"], offer)
+    assert answer.status_code == 400
+    document = answer.json()
+    assert document["type"] == "/problems/negotiation-failed"
+    assert words in document["detail"]
+    assert document["advice"]
+    assert (await http.get(urls["self"])).json()["viewers"]["whep"] == 0
+    await http.delete(urls["self"])
+
+
+async def test_offers_may_be_as_long_as_the_limit(server: str, http: httpx.AsyncClient, viewers: Any) -> None:
+    urls = await create(http, server)
+    viewer = viewers()
+    offer = await viewer.offer()
+    room = 65_536 - len(offer)
+    offer += f"a=x-room:{'x' * (room - 11)}\r\n"
+    assert len(offer) == 65_536
+    assert (await viewer.send(urls["whep"], offer)).status_code == 201
+    longer = await viewer.send(urls["whep"], offer + "\n")
+    assert (longer.status_code, longer.json()["type"]) == (413, "/problems/too-long")
+    await http.delete(urls["self"])
+
+
 async def test_the_letter_of_the_draft(
     server: str, curl: Any, tmp_path: Path, http: httpx.AsyncClient, viewers: Any
 ) -> None:
