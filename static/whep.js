@@ -15,13 +15,16 @@ export class WebRtcFailed extends Error {
   }
 }
 
+const QUOTED = String.raw`"((?:[^"\\]|\\.)*)"`; // quoted-string of HTTP
+const LINK = new RegExp(String.raw`<([^>]+)>((?:\s*;\s*[\w-]+\s*=\s*(?:${QUOTED}|[^",;\s]+))*)`, "g");
+const PARAMETER = new RegExp(String.raw`;\s*([\w-]+)\s*=\s*(?:${QUOTED}|([^",;\s]+))`, "g");
+
 /** ICE servers named in a `Link` header, for `RTCPeerConnection`. */
 export function iceServersOf(link) {
   const servers = [];
-  for (const [, urls, parameters] of (link ?? "").matchAll(/<([^>]+)>((?:\s*;\s*[\w-]+\s*=\s*(?:"[^"]*"|[^",;]+))*)/g)) {
-    const values = Object.fromEntries(
-      [...parameters.matchAll(/;\s*([\w-]+)\s*=\s*(?:"([^"]*)"|([^",;\s]+))/g)].map(([, key, quoted, bare]) => [key, quoted ?? bare]),
-    );
+  for (const [, urls, parameters] of (link ?? "").matchAll(LINK)) {
+    const values = {};
+    for (const [, key, quoted, bare] of parameters.matchAll(PARAMETER)) values[key] = quoted?.replace(/\\(.)/g, "$1") ?? bare;
     if (values.rel !== "ice-server") continue;
     const server = { urls };
     if (values.username) Object.assign(server, { username: values.username, credential: values.credential });
