@@ -229,7 +229,7 @@ class Conversation:
         self._connection.send(json.dumps(message))
 
     def __iter__(self) -> Iterator[Event]:
-        """Everything that is told, until the stream ends.
+        """Everything that is told, until the stream ends: events, `accepted` and `unread`.
 
         Raises:
             Refused: a message was wrong. The conversation goes on: iterate again.
