@@ -34,6 +34,7 @@ class Audience:
         seats: for all viewers of the stream.
         webrtc_seats: for the WebRTC viewers of all streams.
         on_change: somebody has connected or gone.
+        idle_over_webrtc: WebRTC viewers get the idle pictures, too.
 
     Attributes:
         arrived: somebody has been connected, now or earlier.
@@ -48,8 +49,11 @@ class Audience:
         seats: Seats,
         webrtc_seats: Seats,
         on_change: Callable[[], None],
+        *,
+        idle_over_webrtc: bool,
     ) -> None:
         self.arrived = False
+        self._idle_over_webrtc = idle_over_webrtc
         self._broadcast = broadcast
         self._video = video
         self._settings = settings
@@ -154,6 +158,7 @@ class Audience:
                 request_keyframe=picture_wanted,
                 on_connected=connected,
                 on_closed=left,
+                idle=self._idle_over_webrtc,
                 ice=IceOptions.of(self._settings.webrtc),
             )
         except BaseException:

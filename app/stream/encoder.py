@@ -135,7 +135,9 @@ class VideoEncoder:
         """Make the next picture a key frame, but at most two a second on the stream's clock. From any thread."""
         self._wanted.set()
 
-    def encode(self, picture: NDArray[np.uint8], index: int, *, keyframe: bool = False) -> list[Packet]:
+    def encode(
+        self, picture: NDArray[np.uint8], index: int, *, keyframe: bool = False, idle: bool = False
+    ) -> list[Packet]:
         """Encode a picture; it is not kept and may be overwritten afterwards.
 
         Args:
@@ -143,6 +145,7 @@ class VideoEncoder:
             index: frame number on the stream's clock; strictly increasing. Gaps are allowed; live, a key frame
                 follows one of more than a frame.
             keyframe: decoding must be able to start here.
+            idle: live: said of the packet.
 
         Raises:
             ValueError: the picture has another shape or type, or `index` does not increase.
@@ -162,7 +165,7 @@ class VideoEncoder:
             frame.pict_type = 1  # AV_PICTURE_TYPE_I, an IDR because of forced-idr
             self._last_keyframe = index
             self._wanted.clear()
-        return [self._packet(packet) for packet in self._coder.context.encode(frame)]
+        return [self._packet(packet, idle=idle) for packet in self._coder.context.encode(frame)]
 
     def flush(self) -> list[Packet]:
         """The packets still inside. Nothing can be encoded afterwards."""
@@ -180,7 +183,7 @@ class VideoEncoder:
             return True
         return self.live and (distance >= self._distance or index - self._last_index > LONGEST_STEP)
 
-    def _packet(self, packet: Any) -> Packet:
+    def _packet(self, packet: Any, *, idle: bool = False) -> Packet:
         return Packet(
             kind="video",
             data=bytes(packet),
@@ -189,6 +192,7 @@ class VideoEncoder:
             duration=1,
             time_base=self._time_base,
             keyframe=packet.is_keyframe,
+            idle=idle,
         )
 
 

@@ -73,7 +73,7 @@ class Film:
         recording = owner.recording if owner is not None else None
         # A first frame that was dropped takes its key frame with it.
         keyframe = look.keyframe or (recording is not None and recording.needs_keyframe)
-        for packet in self._encoder.encode(picture, job.index, keyframe=keyframe):
+        for packet in self._encoder.encode(picture, job.index, keyframe=keyframe, idle=owner is None):
             self._broadcast.publish(packet)
             if recording is not None:
                 recording.add(packet)

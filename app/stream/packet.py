@@ -24,6 +24,7 @@ class Packet:
         duration: in `time_base`.
         time_base: seconds per unit.
         keyframe: video: decoding can start here; sound: always true.
+        idle: video: nobody speaks in it; a page that shows a clip of its own meanwhile can do without.
     """
 
     kind: Kind
@@ -33,6 +34,7 @@ class Packet:
     duration: int
     time_base: Fraction
     keyframe: bool
+    idle: bool = False
 
     @property
     def seconds(self) -> float:

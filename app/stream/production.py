@@ -121,7 +121,14 @@ class Production:
         )
         self._aac, self._opus = AacEncoder(), OpusEncoder()
         self.audience = Audience(
-            self._broadcast, self._video, self._aac, settings, seats, webrtc_seats, self._audience_changed
+            self._broadcast,
+            self._video,
+            self._aac,
+            settings,
+            seats,
+            webrtc_seats,
+            self._audience_changed,
+            idle_over_webrtc=options.idle == "stream",
         )
         self.program = Program(
             said, folder, self._video, self._aac, settings, events, captions, self._make_timeline, self._wake.set

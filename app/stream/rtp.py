@@ -44,10 +44,24 @@ class PacketTrack(MediaStreamTrack):
     """One kind of packets of a stream, from when the connection stands: nothing waits for a viewer before that.
 
     Pictures begin with a key frame, which is asked for; so they do after a viewer was too slow.
+
+    Args:
+        kind: which packets.
+        source: where they come from.
+        clock: of all tracks of the viewer.
+        on_lost: called when a key frame is needed to go on.
+        idle: also send the pictures in which nobody speaks; speech begins with a key frame, so they can be left out.
     """
 
-    def __init__(self, kind: Kind, source: Broadcast[Packet], clock: WallClock, on_lost: Callable[[], None]) -> None:
-        """`on_lost`: called when a key frame is needed to go on."""
+    def __init__(
+        self,
+        kind: Kind,
+        source: Broadcast[Packet],
+        clock: WallClock,
+        on_lost: Callable[[], None],
+        *,
+        idle: bool = True,
+    ) -> None:
         super().__init__()
         self.kind = "video" if kind == "video" else "audio"
         self.sent: Packet | None = None  # the last one
@@ -57,6 +71,8 @@ class PacketTrack(MediaStreamTrack):
         self._on_lost = on_lost
         self._subscription: Subscription[Packet] | None = None
         self._cuts = 0
+        self._idle = idle
+        self._left_out = False  # pictures, since the last one sent
 
     async def recv(self) -> Any:
         """The next packet as `av.Packet`. Raises MediaStreamError at the end."""
@@ -66,7 +82,7 @@ class PacketTrack(MediaStreamTrack):
             self._subscription = self._source.subscribe({self._kind}, backlog=False)
             self._lost()
         try:
-            packet = await anext(self._subscription)
+            packet = await self._next(self._subscription)
         except StopAsyncIteration:
             self.stop()
             raise MediaStreamError from None
@@ -76,6 +92,15 @@ class PacketTrack(MediaStreamTrack):
         self.sent = packet
         self._clock.ntp(packet.seconds)
         return packet.to_av()
+
+    async def _next(self, subscription: Subscription[Packet]) -> Packet:
+        async for packet in subscription:
+            if packet.idle and not self._idle:
+                self._left_out = True
+            elif not self._left_out or packet.starts:
+                self._left_out = False
+                return packet
+        raise StopAsyncIteration
 
     def report_time(self) -> int | None:
         """NTP time of the last packet sent, None before the first."""

@@ -141,6 +141,7 @@ async def answer(
     on_closed: Callable[[WhepViewer], None] | None = None,
     ice: IceOptions | None = None,
     connect_seconds: float = 15.0,
+    idle: bool = True,
 ) -> WhepViewer:
     """Answer an offer to receive `source`. Every callback is called on the event loop.
 
@@ -153,6 +154,7 @@ async def answer(
         on_closed: called exactly once, however the viewer ends.
         ice: what the answer offers to connect to; None: the addresses of the network interfaces.
         connect_seconds: a viewer that has not connected by then is closed.
+        idle: see `PacketTrack`.
 
     Raises:
         NegotiationFailed: the offer is no SDP, or wants nothing that can be sent.
@@ -169,7 +171,7 @@ async def answer(
     try:
         # Before the offer is set, or VP8 is negotiated.
         for kind in kinds:
-            track = PacketTrack(_KINDS[kind], source, clock, request_keyframe)
+            track = PacketTrack(_KINDS[kind], source, clock, request_keyframe, idle=idle)
             transceiver = connection.addTransceiver(track, direction="sendonly")
             transceiver.setCodecPreferences(_preferred(kind))
             attach(transceiver.sender, track, request_keyframe)

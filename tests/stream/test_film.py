@@ -42,7 +42,8 @@ def test_a_frame_is_drawn_encoded_published_and_timed(film: Film, starts: list[i
     assert list(utterance.timings.milliseconds()) == ["first_frame", "first_packet"]
     assert film.passed == 1
     assert starts == [1]
-    assert [(packet.pts, packet.keyframe) for packet in film._broadcast._cache] == [(0, True), (1, False)]
+    kept = [(packet.pts, packet.keyframe, packet.idle) for packet in film._broadcast._cache]
+    assert kept == [(0, True, True), (1, False, False)]
 
 
 def test_a_dropped_start_makes_the_next_frame_the_start(film: Film) -> None:

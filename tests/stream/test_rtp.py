@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import asyncio
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -47,6 +48,28 @@ async def test_pictures_begin_with_a_key_frame_that_is_asked_for() -> None:
     assert sent.is_keyframe
     assert sent.pts == 6
     assert float(sent.pts * sent.time_base) == track.sent.seconds  # type: ignore[union-attr]
+
+
+async def test_idle_pictures_can_be_left_out_and_speech_goes_on_from_its_key_frame() -> None:
+    studio, source = Studio(), Broadcast[Packet]()
+    track = PacketTrack("video", source, WallClock(), Lost(), idle=False)
+    receiving = asyncio.create_task(track.recv())
+    await asyncio.sleep(0)
+
+    def publish(*, keyframe: bool = False, idle: bool = False) -> int:
+        (packet,) = (each for each in studio.frame(keyframe=keyframe) if each.kind == "video")
+        source.publish(replace(packet, idle=idle))
+        return packet.pts
+
+    publish(keyframe=True, idle=True)
+    publish(idle=True)
+    first = publish(keyframe=True)
+    assert (await receiving).pts == first
+    second = publish()
+    publish(idle=True)
+    publish()  # needs a picture that was left out
+    third = publish(keyframe=True)
+    assert [(await track.recv()).pts for _ in range(2)] == [second, third]
 
 
 async def test_sound_begins_at_once_and_asks_for_nothing() -> None:
