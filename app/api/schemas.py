@@ -180,11 +180,13 @@ class StreamReport(BaseModel):
 
     id: str
     state: Literal["waiting", "idle", "speaking", "ended"]
+    idle: Literal["stream", "local"]
     avatar: str
     voice: str
     viewers: Viewers
     utterances: list[UtteranceReport]
     frames: Frames
+    server_time_ms: float
 
 
 class AvatarEntry(BaseModel):

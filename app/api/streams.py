@@ -150,6 +150,7 @@ def _report(stream: LiveStream) -> StreamReport:
     return StreamReport(
         id=report.id,
         state=report.state,
+        idle=stream.options.idle,
         avatar=report.avatar,
         voice=report.voice,
         viewers=Viewers(**report.viewers),
@@ -166,6 +167,7 @@ def _report(stream: LiveStream) -> StreamReport:
             for utterance in report.utterances
         ],
         frames=Frames(rendered=report.rendered, dropped=report.dropped),
+        server_time_ms=_now_ms(),
     )
 
 

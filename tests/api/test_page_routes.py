@@ -23,6 +23,13 @@ def test_modules_have_a_type_that_browsers_run(server: str, curl) -> None:
     assert "javascript" in curl(f"{server}/static/main.js").headers["content-type"]
 
 
+def test_pages_of_other_sites_may_import_the_component(server: str, curl) -> None:
+    short = curl(f"{server}/mary.js")
+    assert (short.status, short.headers["location"]) == (307, "static/mary.js")
+    for answer in (short, curl(f"{server}/static/mary.js")):
+        assert answer.headers["access-control-allow-origin"] == "*"
+
+
 def test_what_is_not_there_is_a_problem(server: str, curl) -> None:
     answer = curl(f"{server}/static/nothing.js")
     assert answer.status == 404

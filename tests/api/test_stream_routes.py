@@ -62,6 +62,8 @@ def test_without_a_text_it_idles(server: str, curl) -> None:
         assert report["utterances"] == []
         assert report["viewers"] == {"whep": 0, "flv": 0, "mp4": 0}
         assert report["frames"]["dropped"] == 0
+        assert report["idle"] == "stream"
+        assert abs(report["server_time_ms"] - time.time() * 1000) < 60_000
         assert curl(server + made["urls"]["self"], "--request", "DELETE").status == 204
 
 
