@@ -39,24 +39,44 @@ export async function request(url, options = {}) {
   return answer;
 }
 
+/** Where the service is: these files are its own. */
+export const SERVER = new URL("..", import.meta.url).href;
+
+const STREAM_FILES = { whep: "whep", mp4: "live.mp4", video: "video.mp4", events: "events" };
+
 export class Api {
   #clock;
+  #server;
 
-  constructor(clock) {
+  /** server: the service's address, which all its paths are under. Addresses returned are complete. */
+  constructor(clock, server = SERVER) {
     this.#clock = clock;
+    this.#server = server.replace(/\/+$/, "");
   }
 
-  avatars() {
-    return this.#json("GET", "/v1/avatars");
+  /** Returns `{default, avatars}`. */
+  async avatars() {
+    const answer = await this.#json("GET", this.#at("/v1/avatars"));
+    const avatars = answer.avatars.map((one) => ({ ...one, idle: this.#at(one.idle), preview: this.#at(one.preview) }));
+    return { ...answer, avatars };
   }
 
   voices() {
-    return this.#json("GET", "/v1/voices");
+    return this.#json("GET", this.#at("/v1/voices"));
   }
 
   /** Returns the new stream: id, urls, utterance, idle. */
-  createStream(options) {
-    return this.#json("POST", "/v1/streams", options);
+  async createStream(options) {
+    const stream = await this.#json("POST", this.#at("/v1/streams"), options);
+    const urls = Object.entries(stream.urls).map(([name, path]) => [name, this.#at(path)]);
+    return { ...stream, urls: Object.fromEntries(urls) };
+  }
+
+  /** Returns the stream at `url` that somebody else has made: its report, and urls. */
+  async stream(url) {
+    const report = await this.#json("GET", url);
+    const files = Object.entries(STREAM_FILES).map(([name, file]) => [name, `${url}/${file}`]);
+    return { ...report, urls: { self: url, ...Object.fromEntries(files) } };
   }
 
   /** Returns `{id, unread}` of the utterance. */
@@ -77,6 +97,10 @@ export class Api {
   shown(stream, utterance, milliseconds) {
     const path = `${stream.urls.self}/utterances/${encodeURIComponent(utterance)}/shown`;
     return this.#json("POST", path, { milliseconds });
+  }
+
+  #at(path) {
+    return this.#server + path;
   }
 
   async #json(method, url, body) {

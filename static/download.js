@@ -23,9 +23,8 @@ export class Download {
     this.#link.setAttribute("aria-disabled", "true");
   }
 
-  /** Waits until the video is there, then enables the link. */
-  async offer(stream, utterance) {
-    const url = `${stream.urls.video}?utterance=${encodeURIComponent(utterance.id)}`;
+  /** Waits until the video of `utterance` is at `url`, then enables the link. */
+  async offer(url, utterance) {
     this.withdraw();
     this.#wanted = url;
     for (const delay of TRY_MS) {
@@ -44,7 +43,7 @@ export class Download {
 
   #enable(url, utterance) {
     this.#link.href = url;
-    this.#link.download = `mary-${utterance.id}.mp4`;
+    this.#link.download = `mary-${utterance}.mp4`;
     this.#link.removeAttribute("aria-disabled");
   }
 }

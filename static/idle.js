@@ -26,14 +26,16 @@ export class IdleLoop {
   #wanted = null;
   #lastSeek = 0;
   #bytes = null;
+  #loads = 0;
+  #listening = new AbortController();
 
   constructor(video) {
     this.#video = video;
     video.muted = true;
     for (const name of ["timeupdate", "waiting", "stalled"]) video.addEventListener(name, () => this.#feed());
-    document.addEventListener("visibilitychange", () => {
-      if (!document.hidden && this.#tracker) video.play().catch(() => {});
-    });
+    const { signal } = this.#listening;
+    const onVisible = () => !document.hidden && this.#tracker && video.play().catch(() => {});
+    document.addEventListener("visibilitychange", onVisible, { signal });
   }
 
   get frames() {
@@ -46,16 +48,27 @@ export class IdleLoop {
 
   /** Shows the clip at `url` (`fps` frames a second). Raises what `fetch` raises, or an Error when it cannot be got. */
   async load(url, fps) {
-    const answer = await fetch(url);
+    const { signal } = this.#listening;
+    this.#loads += 1;
+    const load = this.#loads;
+    const stillWanted = () => {
+      signal.throwIfAborted();
+      if (load !== this.#loads) throw new DOMException("another clip is being loaded", "AbortError");
+    };
+    const answer = await fetch(url, { signal });
     if (!answer.ok) throw new Error(`The idle clip could not be loaded (${answer.status}).`);
-    this.#bytes = new Uint8Array(await answer.arrayBuffer());
+    const bytes = new Uint8Array(await answer.arrayBuffer());
+    stillWanted();
+    this.#bytes = bytes;
     this.#clear();
     let seconds;
     try {
       seconds = await this.#openSeamless();
     } catch {
+      stillWanted();
       seconds = await this.#openPlain();
     }
+    stillWanted();
     this.#tracker = new PhaseTracker(fps, Math.max(1, Math.round(seconds * fps)));
     this.#stopWatching = watchFrames(this.#video, (time, { mediaTime }) => this.#onFrame(time, mediaTime));
     this.#feed();
@@ -75,6 +88,14 @@ export class IdleLoop {
   unfollow() {
     this.#wanted = null;
     this.#video.playbackRate = 1;
+  }
+
+  /** The element is not needed any more. */
+  release() {
+    this.#listening.abort();
+    this.#clear();
+    this.#video.removeAttribute("src");
+    this.#video.load();
   }
 
   #clear() {

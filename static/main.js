@@ -1,17 +1,11 @@
-// Puts the page together.
+// The page around <mary-avatar>: what to say, settings, download.
 
+import "./mary.js";
 import { Api } from "./api.js";
-import { Captions } from "./captions.js";
 import { ServerClock } from "./clock.js";
-import { Conversation } from "./conversation.js";
 import { Download } from "./download.js";
-import { HttpTransport } from "./http_transport.js";
-import { IdleLoop } from "./idle.js";
 import { explain, explainUnread, MESSAGES } from "./messages.js";
-import { RtcTransport } from "./rtc_transport.js";
-import { Seam } from "./seam.js";
 import { Settings } from "./settings.js";
-import { Sound } from "./sound.js";
 
 const RETRY_MS = 3000;
 const TRANSPORT_NAMES = { webrtc: "WebRTC", mp4: "MP4" };
@@ -19,20 +13,7 @@ const TRANSPORT_NAMES = { webrtc: "WebRTC", mp4: "MP4" };
 const $ = (id) => document.getElementById(id);
 
 const picture = $("picture");
-const clock = new ServerClock();
-const api = new Api(clock);
-const idle = new IdleLoop($("idle"));
-const sound = new Sound($("live"));
-const seam = new Seam(picture, $("live"), idle, clock);
-const parts = { api, seam, idle, video: $("live"), sound };
-const conversation = new Conversation({
-  seam,
-  idle,
-  clock,
-  rtc: new RtcTransport(parts),
-  http: new HttpTransport(parts),
-});
-const captions = new Captions($("caption"));
+const api = new Api(new ServerClock());
 const download = new Download($("download"));
 const settings = new Settings({
   avatar: $("avatar"),
@@ -45,16 +26,20 @@ const settings = new Settings({
   captions: $("captions"),
 });
 
-let avatars = [];
-let askedWords = null;
+let offered = false; // the service has said which avatars and voices there are
 let lastWords = null; // what the service has accepted: only that can be said again
 
-function showState(state) {
+function showState() {
+  const state = offered ? picture.state : "loading";
+  const woken = document.body.dataset.state === "loading" && state !== "loading";
   document.body.dataset.state = state;
   $("status").textContent = MESSAGES[state];
   $("stop").disabled = state === "loading" || state === "idle";
   $("speak").disabled = state === "loading";
   $("replay").disabled = state === "loading" || lastWords === null;
+  if (!woken) return;
+  showProblem("");
+  if ($("text").value) picture.prepare();
 }
 
 function showProblem(text) {
@@ -67,36 +52,25 @@ function showNotice(text) {
   $("notice").hidden = !text;
 }
 
-function speak(words, enteredAt) {
+function speak({ text, voice, speed }, since) {
   showProblem("");
   showNotice("");
-  if (!words.text) {
+  if (!text) {
     showProblem(MESSAGES.blank);
     $("text").focus();
     return;
   }
-  askedWords = words;
-  conversation.say(words, enteredAt);
+  picture.say(text, { voice, speed, interrupt: true, since });
 }
 
-function speakText(enteredAt) {
+function speakText(since) {
   const { voice, speed } = settings.values;
-  const words = { text: $("text").value.trim(), speed };
-  if (voice) words.voice = voice;
-  speak(words, enteredAt);
+  speak({ text: $("text").value.trim(), voice, speed }, since);
 }
 
 function applySettings() {
-  sound.set(settings.values);
-  captions.enabled = settings.values.captions;
-  conversation.choose(settings.values);
-}
-
-async function showAvatar() {
-  const avatar = avatars.find(({ id }) => id === settings.values.avatar);
-  $("title").textContent = avatar.title;
-  $("idle").poster = avatar.preview;
-  await idle.load(avatar.idle, avatar.fps);
+  const { avatar, voice, speed, transport, volume, muted, captions } = settings.values;
+  Object.assign(picture, { avatar, voice, speed, transport, volume, muted, captions });
 }
 
 function listen() {
@@ -110,70 +84,54 @@ function listen() {
     if (!event.repeat && document.body.dataset.state !== "loading") speakText(event.timeStamp);
   });
   for (const name of ["focus", "pointerdown", "input"]) {
-    $("text").addEventListener(name, () => document.body.dataset.state !== "loading" && conversation.prepare());
+    $("text").addEventListener(name, () => document.body.dataset.state !== "loading" && picture.prepare());
   }
-  $("stop").addEventListener("click", () => conversation.stop());
-  document.addEventListener("keydown", (event) => event.key === "Escape" && conversation.stop());
+  $("stop").addEventListener("click", () => picture.stop());
+  document.addEventListener("keydown", (event) => event.key === "Escape" && picture.stop());
   $("replay").addEventListener("click", (event) => lastWords && speak(lastWords, event.timeStamp));
-  $("unblock").addEventListener("click", () => sound.unblock());
-  sound.onBlocked = (blocked) => {
-    $("unblock").hidden = !blocked;
-  };
-  addEventListener("pagehide", () => conversation.close());
+  settings.onChange = applySettings;
 
-  settings.onChange = async (name) => {
-    applySettings();
-    if (name === "avatar") await showAvatar().catch((error) => showProblem(explain(error)));
-  };
-
-  conversation.addEventListener("state", ({ detail }) => {
-    showState(detail.state);
-    if (detail.state === "speaking") captions.begin(askedWords);
-    else if (detail.state === "preparing") captions.clear();
+  picture.addEventListener("state", showState);
+  picture.addEventListener("loaded", ({ detail }) => {
+    $("title").textContent = detail.title;
   });
-  conversation.addEventListener("problem", ({ detail }) => showProblem(detail.text));
-  conversation.addEventListener("notice", ({ detail }) => showNotice(detail.text));
-  conversation.addEventListener("accepted", ({ detail }) => {
-    lastWords = askedWords;
+  picture.addEventListener("problem", (event) => {
+    event.preventDefault(); // it has a better place here than on the picture
+    showProblem(event.detail.text);
+  });
+  picture.addEventListener("notice", ({ detail }) => showNotice(detail.text));
+  picture.addEventListener("accepted", ({ detail }) => {
+    lastWords = { text: detail.text, voice: detail.voice, speed: detail.speed };
     download.withdraw();
     $("replay").disabled = false;
     // What is typed next replaces what has just been said.
-    if (document.activeElement === $("text") && $("text").value.trim() === lastWords.text) $("text").select();
-    if (detail.utterance.unread?.length) showNotice(explainUnread(detail.utterance.unread));
+    if (document.activeElement === $("text") && $("text").value.trim() === detail.text) $("text").select();
+    if (detail.unread.length) showNotice(explainUnread(detail.unread));
   });
-  conversation.addEventListener("shown", ({ detail }) => {
-    const { stream, utterance, milliseconds, transport } = detail;
+  picture.addEventListener("shown", ({ detail }) => {
+    const { utterance, milliseconds, transport } = detail;
     $("latency").textContent = `First frame after ${Math.round(milliseconds)} ms · ${TRANSPORT_NAMES[transport]}`;
-    Object.assign(picture.dataset, { latency: Math.round(milliseconds), transport, utterance: utterance.id });
-    api.shown(stream, utterance.id, milliseconds).catch(() => {}); // a figure for the operator, nothing to the user
+    Object.assign(picture.dataset, { latency: Math.round(milliseconds), transport, utterance });
   });
-  conversation.addEventListener("seam", ({ detail }) => {
+  picture.addEventListener("seam", ({ detail }) => {
     picture.dataset.seam = detail.frames.toFixed(2);
   });
-  conversation.addEventListener("finished", ({ detail }) => {
-    if (detail.completed) captions.complete();
-    else captions.clear();
-    if (detail.stream) download.offer(detail.stream, detail.utterance);
-  });
+  picture.addEventListener("speak_ended", ({ detail }) => download.offer(detail.video, detail.utterance));
 }
 
 async function start() {
   try {
-    const [avatarList, voiceList] = await Promise.all([api.avatars(), api.voices()]);
-    avatars = avatarList.avatars;
-    settings.offer(avatarList, voiceList);
+    settings.offer(await api.avatars(), await api.voices());
     applySettings();
-    await showAvatar();
-    showProblem("");
-    showState("idle");
-    if ($("text").value) conversation.prepare();
+    offered = true;
+    showState();
   } catch (error) {
     showProblem(`${explain(error)} ${MESSAGES.retrying}`);
     setTimeout(start, RETRY_MS);
   }
 }
 
-showState("loading");
+showState();
 // Before listening: focus given by the page itself is no sign that somebody is about to speak.
 if (matchMedia("(hover: hover)").matches) $("text").focus({ preventScroll: true });
 listen();

@@ -34,11 +34,13 @@ export function explainUnread(unread) {
 
 export const MESSAGES = {
   loading: "Waking up…",
+  ended: "The conversation has ended",
+  streamEnded: "The stream has ended.",
   idle: "Ready",
   preparing: "Getting ready to speak…",
   speaking: "Speaking",
   blank: "Type something for Mary to say.",
-  fellBack: "WebRTC could not get through here, so Mary speaks over plain HTTP.",
+  fellBack: "WebRTC could not get through here, so the picture comes over plain HTTP.",
   lost: "The connection was lost. Press Speak to try again.",
   retrying: "Trying again every few seconds.",
 };

@@ -11,6 +11,7 @@ export class RtcTransport {
   name = "webrtc";
   lead = 0; // ms by which the live background must run ahead to arrive in step with the idle clip
   #api;
+  #streams;
   #seam;
   #idle;
   #video;
@@ -23,8 +24,9 @@ export class RtcTransport {
   /** Called with an Error when the connection dies. */
   onLost = () => {};
 
-  constructor({ api, seam, idle, video, sound }) {
+  constructor({ api, streams, seam, idle, video, sound }) {
     this.#api = api;
+    this.#streams = streams;
     this.#seam = seam;
     this.#idle = idle;
     this.#video = video;
@@ -36,25 +38,33 @@ export class RtcTransport {
     if (!this.#session) {
       const session = this.#open(avatar);
       this.#session = session;
-      session.catch(() => {
-        if (this.#session === session) this.#session = null;
-      });
+      session.then(
+        ({ stream }) => {
+          if (this.#session !== session || !stream.continuous) return;
+          this.#seam.stay(true);
+          this.#seam.expect();
+        },
+        () => {
+          if (this.#session === session) this.#session = null;
+        },
+      );
     }
     return this.#session;
   }
 
   /**
-   * Has `words` said; returns `{stream, utterance}`. A stream that has ended meanwhile is replaced. phase(): where the
-   * idle clip is; wanted(): false when the user has changed his mind, which raises AbortError before anything is said.
+   * Has `words` said; returns `{stream, utterance}`. A stream that has ended meanwhile is replaced.
+   * interrupt: instead of what is being said; false: after it, which shows itself by `starting`. phase(): where the idle
+   * clip is; wanted(): false when the user has changed his mind, which raises AbortError before anything is said.
    */
-  async say(avatar, words, { phase, wanted }) {
+  async say(avatar, words, { interrupt, phase, wanted }) {
     for (let attempt = 0; ; attempt += 1) {
       const session = await this.prepare(avatar);
       if (!wanted()) throw new DOMException("not wanted any more", "AbortError");
       this.#sound.play();
-      this.#seam.expect();
+      if (interrupt) this.#seam.expect();
       try {
-        const utterance = await this.#api.say(session.stream, { ...words, interrupt: true, phase: phase() });
+        const utterance = await this.#api.say(session.stream, { ...words, interrupt, phase: phase() });
         return { stream: session.stream, utterance };
       } catch (error) {
         if (!ENDED.includes(error.status) || attempt > 0) throw error;
@@ -62,6 +72,13 @@ export class RtcTransport {
       }
     }
   }
+
+  /** speak_started has come; `asked`: for what was said here, which is expected already. */
+  starting(event, { asked }) {
+    if (!asked) this.#seam.expect();
+  }
+
+  finished() {}
 
   /** The live picture turned out to be `ahead` frames ahead of the idle clip. */
   measured(ahead) {
@@ -79,11 +96,12 @@ export class RtcTransport {
   close({ ended = false } = {}) {
     const session = this.#session;
     this.#session = null;
+    this.#seam.stay(false);
     session?.then(
       ({ stream, viewer, events }) => {
         events.close();
         viewer.close();
-        if (!ended) this.#api.end(stream);
+        if (!ended) this.#streams.end(stream);
         if (this.#session === null && this.#video.srcObject === viewer.media) this.#video.srcObject = null;
       },
       () => {},
@@ -92,7 +110,7 @@ export class RtcTransport {
 
   async #open(avatar) {
     if (!globalThis.RTCPeerConnection) throw new WebRtcFailed("This browser has no WebRTC.");
-    const stream = await this.#api.createStream({ avatar, idle: "local" });
+    const stream = await this.#streams.open(avatar);
     let lost = false;
     const lose = (error, ended) => {
       if (lost) return;
@@ -114,7 +132,7 @@ export class RtcTransport {
       return { stream, viewer, events };
     } catch (error) {
       events.close();
-      this.#api.end(stream);
+      this.#streams.end(stream);
       throw error;
     }
   }

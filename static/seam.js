@@ -7,6 +7,10 @@ import { difference, PhaseTracker } from "./phase.js";
 
 const SETTLING_FRAMES = 4; // live frames after which the difference between the two loops is measured
 const RTP_CLOCK = 90_000; // Hz
+const TRANSIT_SECONDS = 0.08; // from leaving the service to being seen
+const MISSED_SECONDS = 0.5; // a first frame this late is not the first of its utterance
+const MAX_GAP_FRAMES = 1.5; // between two utterances; over a longer one the idle clip is shown
+const MAX_FROZEN_SECONDS = 0.2; // a picture that stands still for longer is not followed by the clock
 
 export class Seam {
   #picture;
@@ -15,8 +19,11 @@ export class Seam {
   #clock;
   #expected = null; // {hold, first}: a new live frame is to be shown
   #showing = false;
+  #staying = false; // the live picture goes on between utterances
   #position = null; // seconds on the live picture's own clock, of its last frame
+  #seenAt = 0; // page time of that frame
   #rtp = null;
+  #onStreamClock = false; // that clock is the service's
   #origin = null; // {position, media}: where the two clocks meet
   #started = null; // the service's speak_started
   #startedFor = null; // what was expected when it came
@@ -26,6 +33,7 @@ export class Seam {
   #framesShown = 0;
   #returnTimer = 0;
   #watchdog = 0;
+  #stopWatching;
 
   /** Called with the page time at which the first live frame of an expected utterance is seen. */
   onShown = () => {};
@@ -43,9 +51,16 @@ export class Seam {
     this.#idle = idle;
     this.#clock = clock;
     this.#picture.dataset.shown = "idle";
-    watchFrames(video, (time, metadata) => this.#onFrame(time, metadata));
+    this.#stopWatching = watchFrames(video, (time, metadata) => this.#onFrame(time, metadata));
   }
 
+  /** Nothing is shown any more. */
+  close() {
+    this.#stopWatching();
+    this.#stopTimers();
+  }
+
+  /** Whether the live picture is seen. */
   get showing() {
     return this.#showing;
   }
@@ -54,15 +69,29 @@ export class Seam {
     return this.#expected !== null;
   }
 
+  /** Seconds on the service's clock of what is seen at page time `time`, or null while that is not known. */
+  mediaTimeAt(time) {
+    const media = this.#showing ? this.#mediaTime() : null;
+    return media === null ? null : media + Math.min(MAX_FROZEN_SECONDS, (time - this.#seenAt) / 1000);
+  }
+
   /** Loop frame at which the live picture begins, once the service has said so. */
   get firstLoopFrame() {
     return this.#started?.loop_frame ?? null;
   }
 
-  /** The live video got another source: its clock begins anew. */
-  sourceChanged() {
+  /** The live video got another source: its clock begins anew. onStreamClock: its times are the service's. */
+  sourceChanged({ onStreamClock = false } = {}) {
     this.#position = null;
     this.#rtp = null;
+    this.#onStreamClock = onStreamClock;
+  }
+
+  /** The live picture, once expected and seen, stays when an utterance ends; false: it goes. */
+  stay(staying) {
+    if (this.#staying === staying) return;
+    this.#staying = staying;
+    if (!staying) this.cut();
   }
 
   /**
@@ -78,11 +107,14 @@ export class Seam {
   /** speak_started of the service: `{utterance, media_time, loop_frame}`. */
   started(event) {
     if (event.utterance === this.#started?.utterance) return; // told again after a reconnection
+    const gap = this.#showing && this.#ended ? (event.media_time - this.#ended.media_time) * this.#idle.fps : 0;
     this.#started = event;
     this.#startedFor = this.#expected;
-    this.#ended = null;
-    this.#stopTimers();
-    if (this.#origin && this.#origin.media === null) this.#origin.media = event.media_time;
+    if (gap < MAX_GAP_FRAMES || this.#staying) {
+      this.#ended = null;
+      this.#stopTimers();
+    }
+    if (this.#origin && this.#origin.media === null) this.#locate();
     if (this.#expected && !this.#expected.hold && document.hidden) this.#show(performance.now()); // hidden tabs see no frames
   }
 
@@ -119,19 +151,33 @@ export class Seam {
     if (!this.#showing) {
       this.#showing = true;
       this.#framesShown = 0;
-      this.#origin = { position: first, media: this.#started?.media_time ?? null };
+      this.#origin = this.#onStreamClock ? { position: 0, media: 0 } : { position: first, media: null };
+      if (this.#origin.media === null && this.#started) this.#locate();
       this.#liveTracker = new PhaseTracker(this.#idle.fps, this.#idle.frames);
       this.#picture.dataset.shown = "live";
     }
     this.onShown(time);
   }
 
-  /** Shows the idle clip at once. */
+  // The first frame shown is the first one of the utterance, unless it was being spoken already.
+  #locate() {
+    const { media_time: mediaTime, wall_ms: wallMs } = this.#started;
+    const since = (this.#clock.at(performance.now()) - wallMs) / 1000 - TRANSIT_SECONDS;
+    if (this.#staying || since > MISSED_SECONDS) this.#origin = { position: this.#position ?? 0, media: mediaTime + since };
+    else this.#origin.media = mediaTime;
+  }
+
+  /** Shows the idle clip at once, or what the live picture shows in its stead. */
   cut() {
     this.#stopTimers();
-    this.#idle.unfollow();
-    this.#started = null;
+    const spoke = this.#started !== null;
+    if (!this.#expected || this.#expected !== this.#startedFor) this.#started = null; // else the next one waits to be seen
     this.#ended = null;
+    if (this.#staying && this.#showing) {
+      if (spoke) this.onReturned();
+      return;
+    }
+    this.#idle.unfollow();
     this.#origin = null;
     if (!this.#showing) return;
     this.#showing = false;
@@ -156,6 +202,7 @@ export class Seam {
     const position = this.#positionOf(metadata);
     if (position === this.#position) return; // drawn again, not new
     this.#position = position;
+    this.#seenAt = time;
     if (this.#showing) {
       this.#onLiveFrame(time);
     } else if (this.#expected?.hold) {

@@ -22,7 +22,7 @@ def test_choices_are_offered_and_kept(open_page: Open) -> None:
         assert page.locator("#speed").input_value() == "1.5"
         assert page.locator("#transport").input_value() == "mp4"
         expect(page.locator("#mute")).to_have_attribute("aria-pressed", "true")
-        assert page.evaluate("live.muted")
+        assert page.locator("#live").evaluate("(live) => live.muted")
 
 
 @pytest.mark.parametrize(

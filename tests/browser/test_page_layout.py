@@ -14,7 +14,7 @@ def test_the_idle_clip_goes_on_without_a_seam(open_page: Open) -> None:
     with open_page() as page:
         frames = page.evaluate(
             """() => new Promise((resolve) => {
-              const idle = document.getElementById('idle'), frames = [];
+              const idle = document.getElementById('picture').shadowRoot.getElementById('idle'), frames = [];
               const onFrame = (now, {mediaTime}) => {
                 frames.push(mediaTime);
                 if (mediaTime > 11) resolve({frames, loop: idle.loop});

@@ -40,7 +40,8 @@ PROBE = """() => {
   };
   const looks = [];
   let stopped = false, audio = null, samples = null, last = null, lastTime = -1;
-  const live = document.getElementById('live'), idle = document.getElementById('idle');
+  const picture = document.getElementById('picture');
+  const live = picture.shadowRoot.getElementById('live'), idle = picture.shadowRoot.getElementById('idle');
   const listen = () => {
     const stream = live.srcObject ?? live.captureStream();
     if (!stream.getAudioTracks().length) return;
@@ -57,7 +58,7 @@ PROBE = """() => {
   const tick = () => {
     if (stopped) return;
     requestAnimationFrame(tick);
-    const shown = document.getElementById('picture').dataset.shown;
+    const shown = picture.live ? 'live' : 'idle';
     if (!samples && shown === 'live') listen();
     const seen = {idle: look(idle), live: look(live)}, visible = seen[shown];
     const video = shown === 'live' ? live : idle;
@@ -195,7 +196,8 @@ SPEAKS_BY_ITSELF = """
       document.getElementById('text').value = 'Nobody has touched this page, and yet it wants to speak to you at once.';
       document.getElementById('composer').requestSubmit();
       setInterval(() => {
-        const live = document.getElementById('live'), button = document.getElementById('unblock');
+        const {shadowRoot} = document.getElementById('picture');
+        const live = shadowRoot.getElementById('live'), button = shadowRoot.getElementById('unblock');
         if (document.body.dataset.state === 'speaking')
           window.seen.push({asks: !button.hidden, muted: live.muted, paused: live.paused,
                             touched: navigator.userActivation.hasBeenActive});
@@ -213,7 +215,7 @@ def test_blocked_sound_needs_one_click(open_page: Open, transport: str) -> None:
         page.click("#unblock")
         expect(page.locator("#unblock")).to_be_hidden()
         seen = page.evaluate("seen")
-        after = page.evaluate("({muted: live.muted, paused: live.paused})")
+        after = page.locator("#live").evaluate("(live) => ({muted: live.muted, paused: live.paused})")
         wait_for_state(page, "idle")
     untouched = [one for one in seen if not one["touched"]]
     assert any(one["asks"] and one["muted"] and not one["paused"] for one in untouched)

@@ -32,7 +32,7 @@ def test_stop(open_page: Open, transport: str, how: str) -> None:
         else:
             page.press("#text", "Escape")
         wait_for_state(page, "idle")
-        expect(page.locator("#picture")).to_have_attribute("data-shown", "idle")
+        expect(page.locator("#frame")).to_have_attribute("data-shown", "idle")
         expect(page.locator("#problem")).to_be_hidden()
         while report_on(page, asked[-1])["utterances"][-1]["state"] == "speaking":
             page.wait_for_timeout(50)  # the page does not wait for the answer
@@ -84,7 +84,7 @@ def test_stop_acts_at_once_while_the_connection_is_being_made(open_page: Open, t
         held.let_go()
         page.wait_for_timeout(1500)  # time enough to begin to speak after all
         assert page.evaluate("document.body.dataset.state") == "idle"
-        assert page.locator("#picture").get_attribute("data-shown") == "idle"
+        assert page.locator("#frame").get_attribute("data-shown") == "idle"
         assert page.locator("#picture").get_attribute("data-utterance") is None
         expect(page.locator("#problem")).to_be_hidden()
         here = asked[-1].url.removesuffix("/v1/streams") + report_path(asked[-1])
