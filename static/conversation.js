@@ -81,8 +81,9 @@ export class Conversation extends EventTarget {
     try {
       await transport.prepare(this.#avatar);
     } catch (error) {
-      if (transport === this.#rtc && error instanceof WebRtcFailed && this.#fallBack()) await this.#joinAgain();
-      else if (this.#joined) this.#retry(error);
+      if (transport === this.#rtc && error instanceof WebRtcFailed && this.#fallBack()) {
+        if (this.#joined) await this.prepare();
+      } else if (this.#joined) this.#retry(error);
     }
   }
 
@@ -283,17 +284,13 @@ export class Conversation extends EventTarget {
     if (failed && !current?.shown && this.#fallBack()) {
       this.#finish();
       if (current?.words) await this.#sayNow(current.words, current.enteredAt);
-      else await this.#joinAgain();
+      else if (this.#joined) await this.prepare();
     } else if (this.#joined) {
       this.#finish();
-      await this.#joinAgain();
+      this.#retry(error);
     } else {
       this.#fail(`${explain(error)} ${MESSAGES.lost}`);
     }
-  }
-
-  async #joinAgain() {
-    if (this.#joined) await this.prepare();
   }
 
   // A stream of somebody else's cannot be replaced: it is waited for, unless it has ended.

@@ -3,6 +3,7 @@
 
 import { StreamEvents } from "./events.js";
 import { HeldMp4 } from "./held_mp4.js";
+import { streamEnded } from "./streams.js";
 
 export class JoinedHttpTransport {
   name = "mp4";
@@ -84,10 +85,10 @@ export class JoinedHttpTransport {
     const stream = await this.#streams.open();
     this.#continuous = stream.continuous;
     const onEvent = (name, data) => {
-      if (name === "state" && data.state === "ended") this.#lose(new Error("The stream has ended."));
+      if (name === "state" && data.state === "ended") this.#lose(streamEnded());
       else this.onEvent(name, data);
     };
-    const onGone = () => this.#lose(new Error("The stream has ended."));
+    const onGone = () => this.#lose(streamEnded());
     const events = new StreamEvents(stream.urls.events, onEvent, onGone);
     return { stream, events };
   }

@@ -34,7 +34,7 @@ export function explainUnread(unread) {
 
 export const MESSAGES = {
   loading: "Waking up…",
-  ended: "The conversation has ended",
+  ended: "Ended",
   streamEnded: "The stream has ended.",
   idle: "Ready",
   preparing: "Getting ready to speak…",

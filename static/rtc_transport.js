@@ -1,6 +1,7 @@
 // Speaking over WebRTC: one stream and one connection, kept for many utterances.
 
 import { StreamEvents } from "./events.js";
+import { streamEnded } from "./streams.js";
 import { WebRtcFailed, WhepViewer } from "./whep.js";
 
 const LEARNING = 0.6;
@@ -119,10 +120,10 @@ export class RtcTransport {
       this.onLost(error);
     };
     const onEvent = (name, data) => {
-      if (name === "state" && data.state === "ended") lose(new Error("The service has ended the stream."), true);
+      if (name === "state" && data.state === "ended") lose(streamEnded(), true);
       else this.onEvent(name, data);
     };
-    const events = new StreamEvents(stream.urls.events, onEvent, () => lose(new Error("The stream has ended."), true));
+    const events = new StreamEvents(stream.urls.events, onEvent, () => lose(streamEnded(), true));
     try {
       const viewer = await this.#connect(stream.urls.whep, () => lose(new WebRtcFailed("The WebRTC connection was lost."), false));
       this.#video.removeAttribute("src");

@@ -1,5 +1,12 @@
 // Which stream is watched: one made for the purpose and ended afterwards, or one that somebody else has made.
 
+import { Problem } from "./api.js";
+
+/** What to raise when the service has ended a stream. */
+export function streamEnded() {
+  return new Problem({ status: 410, detail: "The stream has ended." });
+}
+
 /** Streams of one's own. */
 export class OwnStreams {
   #api;
@@ -30,6 +37,7 @@ export class JoinedStream {
   /** Returns the stream; `continuous`: the service sends its picture also while nothing is said. */
   async open() {
     const stream = await this.#api.stream(this.#url);
+    if (stream.state === "ended") throw streamEnded();
     return { ...stream, continuous: stream.idle === "stream" };
   }
 
