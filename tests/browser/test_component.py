@@ -23,7 +23,7 @@ OPENINGS = """
 NOTES = """
   window.notes = [];
   for (const name of ["state", "accepted", "shown", "speak_started", "word", "viseme", "speak_ended", "problem"])
-    document.addEventListener(name, ({target, detail}) => notes.push({name, from: target.id, at: performance.now(), detail}));
+    document.addEventListener(name, ({target, detail}) => notes.push({name, from: target.id, detail}));
 """
 
 Embed = Callable[..., AbstractContextManager[Page]]

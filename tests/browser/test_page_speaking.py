@@ -171,15 +171,6 @@ def test_replay_and_download(open_page: Open) -> None:
         wait_for_state(page, "idle")
 
 
-def test_captions_follow_the_switch(open_page: Open) -> None:
-    with open_page() as page:
-        say(page, "Read my lips, or read this.")
-        expect(page.locator("#caption")).to_have_text("Read my lips, or read this.")
-        page.click("#captions")
-        expect(page.locator("#caption")).to_be_hidden()
-        wait_for_state(page, "idle")
-
-
 def test_parts_that_cannot_be_read_are_named(open_page: Open) -> None:
     with open_page() as page:
         say(page, "Hello 🙂 world.")
