@@ -16,6 +16,7 @@ BENCHES = {
     "picture": "against the recording: closed and open test, sharpness, lip closure",
     "talker": "a real talker from end to end: time, memory, unheard sentences (needs recordings)",
     "sync": "a minute of speech: where its tracks end",
+    "seams": "idle clip to live picture and back in Chromium: phase, standstill, jumps; stop() to a closed mouth",
     "latency": "Enter to the first live frame in Chromium, 10 and 300 words",
 }
 

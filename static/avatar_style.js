@@ -68,6 +68,7 @@ video {
   position: absolute;
   inset: auto 0 0;
   margin: 0;
+  min-height: calc(2lh + 50px); /* the first line stays where it is when the second one begins */
   padding: 34px max(16px, calc(50cqi - 15em)) 16px;
   background: linear-gradient(transparent, rgb(10 12 15 / 78%) 38px);
   color: rgb(255 255 255 / 82%);

@@ -328,7 +328,7 @@ export class Conversation extends EventTarget {
   }
 
   #onMeasured(ahead) {
-    this.#current?.transport?.measured(ahead);
+    if (this.#current?.words) this.#current.transport.measured(ahead); // what others say is not in step with the clip here
     this.#tell("seam", { frames: ahead });
   }
 

@@ -1,6 +1,7 @@
 // A fragmented MP4 on the live video, held until enough of it is there, and shown when the idle clip has come to the
 // place in the loop at which it begins.
 
+import { Lead } from "./lead.js";
 import { MsePlayback } from "./mse.js";
 import { difference } from "./phase.js";
 
@@ -9,20 +10,19 @@ const MAX_WAIT_FRAMES = 6; // longest wait for the idle clip to reach the first 
 const WANTED_WAIT_FRAMES = 1;
 const MAX_LEAD_MS = 1500;
 const MAX_START_MS = 250;
-const LEARNING = 0.7;
 const PATIENCE_MS = 15_000; // playback is behind the service, and further behind after every stall
 const BEHIND_SECONDS = 3; // further behind the service than this is caught up with by a jump
 const CLOSE_BEHIND_SECONDS = 0.5;
 
 export class HeldMp4 {
-  lead = 250; // ms by which the live background must run ahead; learned from every utterance
   #seam;
   #idle;
   #video;
   #sound;
   #current = null; // {playback, held: to be shown, ready: first frame decoded, starting, from: media time or null}
   #startTimer = 0;
-  #startMs = 80; // from telling the video to play to its moving; learned, too
+  #lead = new Lead(250, 0, MAX_LEAD_MS);
+  #moving = new Lead(80, 0, MAX_START_MS); // from telling the video to play to its moving
 
   /** Called with an error when the connection breaks off. */
   onBroken = () => {};
@@ -37,16 +37,18 @@ export class HeldMp4 {
     video.addEventListener("seeked", () => document.hidden && this.#tryStart());
   }
 
+  /** Milliseconds by which the live background must run ahead to arrive in step with the idle clip. */
+  get lead() {
+    return this.#lead.milliseconds;
+  }
+
   /** Whether everything has arrived. */
   get complete() {
     return this.#current?.playback.complete ?? true;
   }
 
-  /**
-   * Loads from `url` once `ready` is resolved. onStreamClock: its times are those of the service's events, as in a
-   * stream joined in its middle.
-   */
-  async open(url, { ready = null, onStreamClock = false } = {}) {
+  /** Loads from `url` once `ready` is resolved. */
+  async open(url, ready = null) {
     this.drop();
     const playback = new MsePlayback(this.#video);
     const current = { playback, held: false, ready: false, starting: false, from: null };
@@ -54,7 +56,7 @@ export class HeldMp4 {
     playback.onMore = () => this.#onMore(current);
     playback.onBroken = (error) => this.#current === current && this.onBroken(error);
     this.#video.srcObject = null;
-    this.#seam.sourceChanged({ onStreamClock });
+    this.#seam.sourceChanged({ onStreamClock: true });
     try {
       await ready;
       if (this.#current === current) await playback.open(url);
@@ -79,8 +81,7 @@ export class HeldMp4 {
 
   /** The live picture turned out to be `ahead` frames ahead of the idle clip. */
   measured(ahead) {
-    const late = (-ahead * LEARNING * 1000) / this.#idle.fps;
-    if (Math.abs(ahead) < MAX_WAIT_FRAMES) this.#startMs = Math.max(0, Math.min(MAX_START_MS, this.#startMs + late));
+    if (Math.abs(ahead) < MAX_WAIT_FRAMES) this.#moving.learn((-ahead * 1000) / this.#idle.fps);
   }
 
   drop() {
@@ -128,9 +129,8 @@ export class HeldMp4 {
     const live = this.#seam.firstLoopFrame;
     if (idle === null || live === null) return 0;
     const frameMs = 1000 / this.#idle.fps;
-    const wait = difference(live, idle, this.#idle.frames) - this.#startMs / frameMs;
-    const lead = this.lead - (wait - WANTED_WAIT_FRAMES) * LEARNING * frameMs;
-    this.lead = Math.max(0, Math.min(MAX_LEAD_MS, lead));
+    const wait = difference(live, idle, this.#idle.frames) - this.#moving.milliseconds / frameMs;
+    this.#lead.learn((WANTED_WAIT_FRAMES - wait) * frameMs);
     return wait > 0 && wait <= MAX_WAIT_FRAMES ? wait * frameMs : 0;
   }
 

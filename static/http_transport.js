@@ -40,7 +40,7 @@ export class HttpTransport {
     }
     const events = new StreamEvents(stream.urls.events, (name, data) => this.#pass(name, data), () => {});
     this.#current = { stream, events };
-    this.#mp4.open(stream.urls.mp4, { ready: events.opened(EVENTS_MS) }); // with the first viewer speech begins, and that must be heard of
+    this.#mp4.open(stream.urls.mp4, events.opened(EVENTS_MS)); // with the first viewer speech begins, and that must be heard of
     this.#mp4.show();
     return { stream, utterance: stream.utterance };
   }

@@ -101,7 +101,7 @@ export class JoinedHttpTransport {
   }
 
   #watch(stream) {
-    this.#mp4.open(stream.urls.mp4, { onStreamClock: true });
+    this.#mp4.open(stream.urls.mp4);
   }
 
   #lose(error) {

@@ -1,22 +1,22 @@
 // Speaking over WebRTC: one stream and one connection, kept for many utterances.
 
 import { StreamEvents } from "./events.js";
+import { Lead } from "./lead.js";
 import { streamEnded } from "./streams.js";
 import { WebRtcFailed, WhepViewer } from "./whep.js";
 
-const LEARNING = 0.6;
 const MAX_LEAD_MS = 300;
 const ENDED = [404, 410]; // the stream is not there any more
 
 export class RtcTransport {
   name = "webrtc";
-  lead = 0; // ms by which the live background must run ahead to arrive in step with the idle clip
   #api;
   #streams;
   #seam;
   #idle;
   #video;
   #sound;
+  #lead = new Lead(0, -MAX_LEAD_MS, MAX_LEAD_MS);
   #session = null; // promise of {stream, viewer, events}
   #iceServers = [];
 
@@ -32,6 +32,11 @@ export class RtcTransport {
     this.#idle = idle;
     this.#video = video;
     this.#sound = sound;
+  }
+
+  /** Milliseconds by which the live background must run ahead to arrive in step with the idle clip. */
+  get lead() {
+    return this.#lead.milliseconds;
   }
 
   /** Connects, so that the first utterance need not wait for it. Does nothing when connected. */
@@ -83,8 +88,7 @@ export class RtcTransport {
 
   /** The live picture turned out to be `ahead` frames ahead of the idle clip. */
   measured(ahead) {
-    const lead = this.lead - (ahead * LEARNING * 1000) / this.#idle.fps;
-    this.lead = Math.max(-MAX_LEAD_MS, Math.min(MAX_LEAD_MS, lead));
+    this.#lead.learn((-ahead * 1000) / this.#idle.fps);
   }
 
   /** Cuts short what is being said. */

@@ -9,7 +9,10 @@ const SETTLING_FRAMES = 4; // live frames after which the difference between the
 const RTP_CLOCK = 90_000; // Hz
 const TRANSIT_SECONDS = 0.08; // from leaving the service to being seen
 const MISSED_SECONDS = 0.5; // a first frame this late is not the first of its utterance
+const LAST_FRAMES = 1.25; // so near its end the last frame is seen
+const MAX_SHIFT_FRAMES = 1.5; // by which the return is moved to where the idle clip is
 const MAX_GAP_FRAMES = 1.5; // between two utterances; over a longer one the idle clip is shown
+const UNSEEN_MS = 600; // past its end an utterance that was not seen is given up
 const MAX_FROZEN_SECONDS = 0.2; // a picture that stands still for longer is not followed by the clock
 
 export class Seam {
@@ -23,13 +26,16 @@ export class Seam {
   #position = null; // seconds on the live picture's own clock, of its last frame
   #seenAt = 0; // page time of that frame
   #rtp = null;
-  #onStreamClock = false; // that clock is the service's
-  #origin = null; // {position, media}: where the two clocks meet
+  #lag = null; // seconds by which that clock is ahead of the service's
+  #guessed = false; // the lag is only about right
+  #lastEnd = -Infinity; // where the last utterance ended on the service's clock
   #started = null; // the service's speak_started
   #startedFor = null; // what was expected when it came
   #ended = null;
   #patience = 0;
   #liveTracker = null;
+  #first = 0; // position of the first frame shown
+  #unlocated = false; // its place on the service's clock is not known yet
   #framesShown = 0;
   #returnTimer = 0;
   #watchdog = 0;
@@ -84,7 +90,9 @@ export class Seam {
   sourceChanged({ onStreamClock = false } = {}) {
     this.#position = null;
     this.#rtp = null;
-    this.#onStreamClock = onStreamClock;
+    this.#lag = onStreamClock ? 0 : null;
+    this.#guessed = false;
+    this.#lastEnd = -Infinity;
   }
 
   /** The live picture, once expected and seen, stays when an utterance ends; false: it goes. */
@@ -96,9 +104,10 @@ export class Seam {
 
   /**
    * The next new live frame is to be seen; the last frame of an earlier utterance, still in the element, is not new.
-   * hold: do not show it but call `onReady`. patience: ms past its due time after which a missing last frame is given up.
+   * hold: do not show it but call `onReady`. patience: ms for which the picture may be late, as playback may after a stall;
+   * without, it is in time or not at all.
    */
-  expect({ hold = false, patience = 600 } = {}) {
+  expect({ hold = false, patience = 0 } = {}) {
     if (!this.#showing) this.#started = null;
     this.#expected = { hold, first: null };
     this.#patience = patience;
@@ -114,7 +123,7 @@ export class Seam {
       this.#ended = null;
       this.#stopTimers();
     }
-    if (this.#origin && this.#origin.media === null) this.#locate();
+    if (this.#showing && this.#unlocated) this.#locate();
     if (this.#expected && !this.#expected.hold && document.hidden) this.#show(performance.now()); // hidden tabs see no frames
   }
 
@@ -125,6 +134,7 @@ export class Seam {
   ended(event) {
     if (this.#started?.utterance !== event.utterance) return false;
     this.#ended = event;
+    this.#lastEnd = event.media_time;
     const awaited = this.#startedFor;
     const due = Math.max(0, event.wall_ms - this.#clock.at(performance.now()));
     this.#watchdog = setTimeout(() => {
@@ -133,8 +143,8 @@ export class Seam {
         this.abandon();
         this.onReturned();
       }
-    }, due + this.#patience);
-    this.#checkEnd(performance.now());
+    }, due + UNSEEN_MS + this.#patience);
+    this.#planReturn();
     return true;
   }
 
@@ -146,25 +156,33 @@ export class Seam {
   }
 
   #show(time) {
-    const first = this.#expected.first ?? this.#position ?? 0;
+    this.#first = this.#expected.first ?? this.#position ?? 0;
     this.#expected = null;
     if (!this.#showing) {
       this.#showing = true;
       this.#framesShown = 0;
-      this.#origin = this.#onStreamClock ? { position: 0, media: 0 } : { position: first, media: null };
-      if (this.#origin.media === null && this.#started) this.#locate();
+      this.#unlocated = true;
+      if (this.#started) this.#locate();
       this.#liveTracker = new PhaseTracker(this.#idle.fps, this.#idle.frames);
       this.#picture.dataset.shown = "live";
     }
     this.onShown(time);
   }
 
-  // The first frame shown is the first one of the utterance, unless it was being spoken already.
+  // Where the two clocks meet. The first frame shown is the first one of the utterance or, if that was late, one after it;
+  // so of all utterances the one with the smallest lag is right. In the middle of one only the time of day tells.
   #locate() {
+    this.#unlocated = false;
     const { media_time: mediaTime, wall_ms: wallMs } = this.#started;
     const since = (this.#clock.at(performance.now()) - wallMs) / 1000 - TRANSIT_SECONDS;
-    if (this.#staying || since > MISSED_SECONDS) this.#origin = { position: this.#position ?? 0, media: mediaTime + since };
-    else this.#origin.media = mediaTime;
+    if (!this.#staying && since < MISSED_SECONDS) {
+      const lag = this.#first - mediaTime;
+      this.#lag = this.#lag === null || this.#guessed ? lag : Math.min(this.#lag, lag);
+      this.#guessed = false;
+    } else if (this.#lag === null) {
+      this.#lag = (this.#position ?? 0) - mediaTime - since;
+      this.#guessed = true;
+    }
   }
 
   /** Shows the idle clip at once, or what the live picture shows in its stead. */
@@ -178,7 +196,6 @@ export class Seam {
       return;
     }
     this.#idle.unfollow();
-    this.#origin = null;
     if (!this.#showing) return;
     this.#showing = false;
     this.#picture.dataset.shown = "idle";
@@ -205,6 +222,8 @@ export class Seam {
     this.#seenAt = time;
     if (this.#showing) {
       this.#onLiveFrame(time);
+    } else if (this.#lag !== null && this.#mediaTime() < this.#lastEnd - 0.5 / this.#idle.fps) {
+      return; // of what was stopped just before
     } else if (this.#expected?.hold) {
       this.#expected.first ??= position;
       this.onReady();
@@ -231,12 +250,11 @@ export class Seam {
       this.#liveTracker.observe(this.#started.loop_frame + beat, time);
       if (this.#framesShown === SETTLING_FRAMES) this.#settle(time);
     }
-    this.#checkEnd(time);
+    this.#planReturn();
   }
 
   #mediaTime() {
-    if (!this.#origin || this.#origin.media === null) return null;
-    return this.#origin.media + this.#position - this.#origin.position;
+    return this.#lag === null || this.#position === null ? null : this.#position - this.#lag;
   }
 
   #settle(time) {
@@ -246,12 +264,23 @@ export class Seam {
     this.#idle.follow((now) => this.#liveTracker.at(now));
   }
 
-  #checkEnd(time) {
+  // The idle clip comes back when the last frame has had its time, or a little earlier or later: when the clip shows the
+  // frame that follows. Last frames that do not come are not waited for, or the picture would stand still.
+  #planReturn() {
     const media = this.#mediaTime();
-    if (!this.#ended || media === null || this.#returnTimer) return;
-    const frameSeconds = 1 / this.#idle.fps;
-    if (media < this.#ended.media_time - 1.25 * frameSeconds) return;
-    const delay = Math.max(0, time + 1000 * frameSeconds - performance.now());
-    this.#returnTimer = setTimeout(() => this.cut(), delay);
+    if (!this.#ended || media === null) return;
+    const { fps, frames } = this.#idle;
+    const now = performance.now();
+    const left = this.#ended.media_time - media; // seconds of what is seen
+    if (left > LAST_FRAMES / fps && this.#patience > 0) return;
+    let delay = this.#seenAt + left * 1000 - now;
+    const idle = this.#idle.at(now);
+    if (idle !== null && this.#started) {
+      const next = this.#started.loop_frame + (this.#ended.media_time - this.#started.media_time) * fps;
+      const wait = (difference(next, idle, frames) * 1000) / fps;
+      if (Math.abs(wait - delay) < (MAX_SHIFT_FRAMES * 1000) / fps) delay = wait;
+    }
+    clearTimeout(this.#returnTimer);
+    this.#returnTimer = setTimeout(() => this.cut(), Math.max(0, delay));
   }
 }
