@@ -112,6 +112,10 @@ video {
   cursor: pointer;
 }
 
+.caption:not([hidden]) ~ .unblock {
+  bottom: 112px;
+}
+
 .unblock:focus-visible {
   outline: 2px solid #e9a184;
   outline-offset: 2px;

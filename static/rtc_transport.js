@@ -105,7 +105,7 @@ export class RtcTransport {
     session?.then(
       ({ stream, viewer, events }) => {
         events.close();
-        viewer.close();
+        viewer.close({ leave: !ended && !this.#streams.own });
         if (!ended) this.#streams.end(stream);
         if (this.#session === null && this.#video.srcObject === viewer.media) this.#video.srcObject = null;
       },

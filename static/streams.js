@@ -9,6 +9,7 @@ export function streamEnded() {
 
 /** Streams of one's own. */
 export class OwnStreams {
+  own = true;
   #api;
 
   constructor(api) {
@@ -26,6 +27,7 @@ export class OwnStreams {
 
 /** The stream at `url`, which goes on without us. */
 export class JoinedStream {
+  own = false;
   #api;
   #url;
 

@@ -70,7 +70,8 @@ export class WhepViewer {
         headers: { "Content-Type": "application/sdp" },
         body: peer.localDescription.sdp,
       });
-      this.#location = answer.headers.get("Location") ?? "";
+      const location = answer.headers.get("Location");
+      if (location) this.#location = new URL(location, answer.url).href;
       offered = iceServersOf(answer.headers.get("Link"));
       await peer.setRemoteDescription({ type: "answer", sdp: await answer.text() });
       await this.#connected();
@@ -83,11 +84,12 @@ export class WhepViewer {
     peer.addEventListener("connectionstatechange", () => this.#onStateChange());
   }
 
-  close() {
+  /** leave: tell the service; needless when the stream ends with it. */
+  close({ leave = true } = {}) {
     clearTimeout(this.#lossTimer);
     this.#onLost = () => {};
     this.#peer.close();
-    if (this.#location) fetch(this.#location, { method: "DELETE", keepalive: true }).catch(() => {});
+    if (this.#location && leave) fetch(this.#location, { method: "DELETE", keepalive: true }).catch(() => {});
     this.#location = "";
   }
 
