@@ -108,9 +108,7 @@ def longest_still(seen: list[Look]) -> float:
 def own_motion(idle: list[Look], milliseconds: float) -> float:
     """How far the head moves at most in so long, in pixels."""
     steps = [(look.at, look.moved) for look in idle if look.moved is not None]
-    return max(
-        sum(moved for at, moved in steps[: n + 1] if steps[n][0] - at < milliseconds) for n in range(len(steps))
-    )
+    return max(sum(moved for at, moved in steps[: n + 1] if steps[n][0] - at < milliseconds) for n in range(len(steps)))
 
 
 def _phase(before: list[Look], after: list[Look], to_live: bool) -> float:
@@ -166,29 +164,27 @@ def run() -> list[Report]:
             page.locator("#transport").select_option(transport)
             page.locator("summary").click()
             report = Report("seams", f"Idle clip to live picture and back in headless Chromium, {transport}")
-            tolerance = _handovers(page, report)
-            _interruptions(page, report, tolerance)
+            _handovers(page, report, strict=transport == "webrtc")
+            _interruptions(page, report)
             page.close()
             reports.append(report)
         browser.close()
     return reports
 
 
-def _handovers(page: Page, report: Report) -> float:
-    say(page, TEXTS[0])  # connects, and learns how late the live picture comes
-    say(page, TEXTS[1])
-    page.wait_for_timeout(1000)
+def _handovers(page: Page, report: Report, *, strict: bool) -> None:
     watch(page)
+    for text in TEXTS:  # connects, and learns how late the live picture comes
+        say(page, text)
+    page.wait_for_timeout(1000)
+    looks(page)
     page.wait_for_timeout(11_000)  # two turns of the loop
     idle = looks(page)
     found: list[Seam] = []
-    everything: list[Look] = []
     for n in range(UTTERANCES):
         say(page, TEXTS[n % len(TEXTS)])
         page.wait_for_timeout(900 + 137 * n % 700)
-        seen = looks(page)
-        found += seams(seen)
-        everything += seen
+        found += seams(looks(page))
     for to_live, name in ((True, "idle to live"), (False, "live to idle")):
         those = [seam for seam in found if seam.to_live is to_live]
         phases = [abs(seam.phase) for seam in those]
@@ -196,7 +192,7 @@ def _handovers(page: Page, report: Report) -> float:
             f"{name}, phase error, largest of {len(those)}",
             max(phases),
             "frames",
-            "<= 1",
+            "<= 1" if strict else "",
             f"median {statistics.median(phases):.2f}",
         )
         report.add(
@@ -219,20 +215,23 @@ def _handovers(page: Page, report: Report) -> float:
     report.add(
         "light of the darkest picture around a seam", min(seam.darkest for seam in found) / light, "of normal", ">= 0.9"
     )
-    level = closed_level(everything)
-    tolerance = 1.5 * level
-    report.add("closed mouths differ by", level, "levels", note=f"tolerance below: {tolerance:.2f}")
-    return tolerance
 
 
-def _interruptions(page: Page, report: Report, tolerance: float) -> None:
+def _interruptions(page: Page, report: Report) -> None:
+    page.evaluate("probe.lookAtMouths()")
+    looks(page)
+    for text in TEXTS[:3]:
+        say(page, text)
+    level = closed_level(looks(page))
+    tolerance = 2 * level
+    report.add("mouth of the live picture and of the idle clip, both closed, differ by", level, "levels", note="of 255")
     times = []
     for n in range(INTERRUPTS):
         page.evaluate("(text) => void document.querySelector('mary-avatar').say(text)", PARAGRAPH)
         page.locator("body[data-state=speaking]").wait_for()
         page.wait_for_timeout(700 + 211 * n % 900)
         looks(page)
-        stopped = page.evaluate("(open) => probe.interrupt(open)", 2 * tolerance)
+        stopped = page.evaluate("(open) => probe.interrupt(open)", 4 * tolerance)
         page.locator("body[data-state=idle]").wait_for()
         page.wait_for_timeout(700)
         times.append(closed_after(looks(page), stopped, tolerance))

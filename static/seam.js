@@ -10,7 +10,8 @@ const RTP_CLOCK = 90_000; // Hz
 const TRANSIT_SECONDS = 0.08; // from leaving the service to being seen
 const MISSED_SECONDS = 0.5; // a first frame this late is not the first of its utterance
 const LAST_FRAMES = 1.25; // so near its end the last frame is seen
-const MAX_SHIFT_FRAMES = 1.5; // by which the return is moved to where the idle clip is
+const SHIFT_FRAMES = [-0.5, 1]; // least and most by which the return is moved to where the idle clip is
+const CHANGE_MS = 12; // from changing over to its being seen
 const MAX_GAP_FRAMES = 1.5; // between two utterances; over a longer one the idle clip is shown
 const UNSEEN_MS = 600; // past its end an utterance that was not seen is given up
 const MAX_FROZEN_SECONDS = 0.2; // a picture that stands still for longer is not followed by the clock
@@ -277,10 +278,11 @@ export class Seam {
     const idle = this.#idle.at(now);
     if (idle !== null && this.#started) {
       const next = this.#started.loop_frame + (this.#ended.media_time - this.#started.media_time) * fps;
-      const wait = (difference(next, idle, frames) * 1000) / fps;
-      if (Math.abs(wait - delay) < (MAX_SHIFT_FRAMES * 1000) / fps) delay = wait;
+      const later = (difference(next, idle, frames) * 1000) / fps - delay;
+      const [least, most] = SHIFT_FRAMES.map((shift) => (shift * 1000) / fps);
+      if (Math.abs(later) < 2 * most) delay += Math.max(least, Math.min(most, later));
     }
     clearTimeout(this.#returnTimer);
-    this.#returnTimer = setTimeout(() => this.cut(), Math.max(0, delay));
+    this.#returnTimer = setTimeout(() => this.cut(), Math.max(0, delay - CHANGE_MS));
   }
 }
