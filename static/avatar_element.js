@@ -6,7 +6,7 @@ import { explain } from "./messages.js";
 import { Player } from "./player.js";
 
 const BADGE = "AI-generated";
-const TRANSPORTS = ["auto", "webrtc", "mp4"];
+const TRANSPORTS = ["auto", "webrtc", "mp4", "flv"];
 const STRINGS = ["avatar", "badge", "server", "stream", "transport", "voice"];
 const NUMBERS = { speed: [0.5, 2], volume: [0, 1] }; // least and most; 1 is the default
 const PROPERTIES = [...STRINGS, ...Object.keys(NUMBERS), "captions", "muted"];

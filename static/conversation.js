@@ -22,6 +22,7 @@ export class Conversation extends EventTarget {
   #clock;
   #rtc;
   #http;
+  #flv;
   #choice = "auto";
   #avatar;
   #rtcFailed = false;
@@ -38,7 +39,7 @@ export class Conversation extends EventTarget {
   #released = false;
 
   /** joined: the stream is somebody else's. */
-  constructor({ seam, idle, clock, rtc, http, joined = false }) {
+  constructor({ seam, idle, clock, rtc, http, flv = null, joined = false }) {
     super();
     this.#joined = joined;
     this.#seam = seam;
@@ -46,7 +47,8 @@ export class Conversation extends EventTarget {
     this.#clock = clock;
     this.#rtc = rtc;
     this.#http = http;
-    for (const transport of [rtc, http]) {
+    this.#flv = flv ?? http;
+    for (const transport of new Set([rtc, http, this.#flv])) {
       transport.onEvent = (name, data) => this.#onEvent(name, data);
       transport.onLost = (error) => this.#onLost(transport, error);
     }
@@ -61,10 +63,11 @@ export class Conversation extends EventTarget {
   }
 
   get #transport() {
+    if (this.#choice === "flv") return this.#flv;
     return this.#choice === "mp4" || (this.#choice === "auto" && this.#rtcFailed) ? this.#http : this.#rtc;
   }
 
-  /** choice: "auto", "webrtc" or "mp4"; ends what is being said. */
+  /** choice: "auto", "webrtc", "mp4" or "flv" (for streams of others that is "mp4"); ends what is being said. */
   choose({ transport, avatar }) {
     if (transport === this.#choice && avatar === this.#avatar) return;
     this.#choice = transport;
@@ -127,6 +130,7 @@ export class Conversation extends EventTarget {
     this.#forgetWaiting();
     this.#rtc.close();
     this.#http.close();
+    this.#flv.close();
     this.#finish();
     for (const timer of Object.values(this.#timers)) clearTimeout(timer);
   }

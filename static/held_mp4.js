@@ -19,6 +19,7 @@ export class HeldMp4 {
   #idle;
   #video;
   #sound;
+  #Playback;
   #current = null; // {playback, held: to be shown, ready: first frame decoded, starting, from: media time or null}
   #startTimer = 0;
   #lead = new Lead(250, 0, MAX_LEAD_MS);
@@ -27,7 +28,9 @@ export class HeldMp4 {
   /** Called with an error when the connection breaks off. */
   onBroken = () => {};
 
-  constructor({ seam, idle, video, sound }) {
+  /** Playback: what brings it, MsePlayback or another of its kind. */
+  constructor({ seam, idle, video, sound, Playback = MsePlayback }) {
+    this.#Playback = Playback;
     this.#seam = seam;
     this.#idle = idle;
     this.#video = video;
@@ -50,13 +53,13 @@ export class HeldMp4 {
   /** Loads from `url` once `ready` is resolved. */
   async open(url, ready = null) {
     this.drop();
-    const playback = new MsePlayback(this.#video);
+    const playback = new this.#Playback(this.#video);
     const current = { playback, held: false, ready: false, starting: false, from: null };
     this.#current = current;
     playback.onMore = () => this.#onMore(current);
     playback.onBroken = (error) => this.#current === current && this.onBroken(error);
     this.#video.srcObject = null;
-    this.#seam.sourceChanged({ onStreamClock: true });
+    this.#seam.sourceChanged({ onStreamClock: this.#Playback.onStreamClock });
     try {
       await ready;
       if (this.#current === current) await playback.open(url);

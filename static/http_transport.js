@@ -1,29 +1,33 @@
-// Speaking over HTTP: every utterance is a stream of its own, played as a fragmented MP4.
+// Speaking over HTTP: every utterance is a stream of its own, played as a fragmented MP4, which arrives as it is or as FLV.
 
 import { StreamEvents } from "./events.js";
+import { FlvPlayback } from "./flv.js";
 import { HeldMp4 } from "./held_mp4.js";
+import { MsePlayback } from "./mse.js";
 
 const EVENTS_MS = 150; // longest wait for the events
+const PLAYBACKS = { mp4: MsePlayback, flv: FlvPlayback };
 
 export class HttpTransport {
-  name = "mp4";
   #api;
   #seam;
-  #mp4;
+  #held;
   #current = null; // {stream, events}
 
   onEvent = () => {};
   onLost = () => {};
 
-  constructor({ api, ...parts }) {
+  /** format: "mp4" or "flv". */
+  constructor(format, { api, ...parts }) {
+    this.name = format;
     this.#api = api;
     this.#seam = parts.seam;
-    this.#mp4 = new HeldMp4(parts);
-    this.#mp4.onBroken = (error) => this.onLost(error);
+    this.#held = new HeldMp4({ ...parts, Playback: PLAYBACKS[format] });
+    this.#held.onBroken = (error) => this.onLost(error);
   }
 
   get lead() {
-    return this.#mp4.lead;
+    return this.#held.lead;
   }
 
   /** Nothing to prepare. */
@@ -40,8 +44,8 @@ export class HttpTransport {
     }
     const events = new StreamEvents(stream.urls.events, (name, data) => this.#pass(name, data), () => {});
     this.#current = { stream, events };
-    this.#mp4.open(stream.urls.mp4, events.opened(EVENTS_MS)); // with the first viewer speech begins, and that must be heard of
-    this.#mp4.show();
+    this.#held.open(stream.urls[this.name], events.opened(EVENTS_MS)); // with the first viewer speech begins, and that must be heard of
+    this.#held.show();
     return { stream, utterance: stream.utterance };
   }
 
@@ -50,7 +54,7 @@ export class HttpTransport {
   finished() {}
 
   measured(ahead) {
-    this.#mp4.measured(ahead);
+    this.#held.measured(ahead);
   }
 
   /** Cuts short what is being said. */
@@ -64,7 +68,7 @@ export class HttpTransport {
   }
 
   close() {
-    const complete = this.#mp4.complete;
+    const complete = this.#held.complete;
     const current = this.#current;
     this.#drop();
     if (current && !complete) this.#api.end(current.stream);
@@ -78,6 +82,6 @@ export class HttpTransport {
   #drop() {
     this.#current?.events.close();
     this.#current = null;
-    this.#mp4.drop();
+    this.#held.drop();
   }
 }

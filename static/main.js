@@ -4,11 +4,12 @@ import "./mary.js";
 import { Api } from "./api.js";
 import { ServerClock } from "./clock.js";
 import { Download } from "./download.js";
+import { FlvPlayback } from "./flv.js";
 import { explain, explainUnread, MESSAGES } from "./messages.js";
 import { Settings } from "./settings.js";
 
 const RETRY_MS = 3000;
-const TRANSPORT_NAMES = { webrtc: "WebRTC", mp4: "MP4" };
+const TRANSPORT_NAMES = { webrtc: "WebRTC", mp4: "MP4", flv: "FLV" };
 
 const $ = (id) => document.getElementById(id);
 
@@ -122,6 +123,7 @@ function listen() {
 async function start() {
   try {
     settings.offer(await api.avatars(), await api.voices());
+    if (!(await FlvPlayback.available())) settings.withhold("flv");
     applySettings();
     offered = true;
     showState();

@@ -30,6 +30,9 @@ export class MsePlayback {
   /** Whether everything has arrived. */
   complete = false;
 
+  /** The times of the video are those of the stream's clock. */
+  static onStreamClock = true;
+
   /** Seconds that can be played from here without waiting. */
   get ahead() {
     const { buffered, currentTime } = this.#video;

@@ -57,7 +57,8 @@ export class Player {
       idle: this.#idle,
       clock,
       rtc: new RtcTransport(parts),
-      http: this.#url ? new JoinedHttpTransport(parts) : new HttpTransport(parts),
+      http: this.#url ? new JoinedHttpTransport(parts) : new HttpTransport("mp4", parts),
+      flv: this.#url ? null : new HttpTransport("flv", parts),
       joined: this.#url !== null,
     });
     this.#listen();
@@ -69,7 +70,7 @@ export class Player {
     return state === "idle" && !this.#loaded ? "loading" : state;
   }
 
-  /** avatar: id, or "" for the service's default; transport: "auto", "webrtc" or "mp4". */
+  /** avatar: id, or "" for the service's default; transport: "auto", "webrtc", "mp4" or "flv". */
   choose({ avatar, transport }) {
     this.#conversation.choose({ avatar: avatar || undefined, transport });
     if (avatar !== this.#avatar) {

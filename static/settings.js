@@ -7,7 +7,7 @@ const within = (least, most) => (number) => number >= least && number <= most;
 const ACCEPTS = {
   speed: within(0.5, 2),
   volume: within(0, 1),
-  transport: (name) => ["auto", "webrtc", "mp4"].includes(name),
+  transport: (name) => ["auto", "webrtc", "mp4", "flv"].includes(name),
 };
 
 function option(value, label, disabled = false) {
@@ -54,6 +54,13 @@ export class Settings {
       ...voices.map((entry) => option(entry.id, voiceLabel(entry), !entry.installed)),
     );
     if (!voices.some(({ id, installed }) => id === this.values.voice && installed)) this.values.voice = "";
+    this.#show();
+  }
+
+  /** Offers the transport of that name no more. */
+  withhold(name) {
+    this.#elements.transport.querySelector(`[value="${name}"]`)?.remove();
+    if (this.values.transport === name) this.values.transport = DEFAULTS.transport;
     this.#show();
   }
 
