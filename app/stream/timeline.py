@@ -198,12 +198,12 @@ class Timeline(Generic[Owner]):
         rows = piece.coefficients
         if piece.follows is None or not len(rows):
             return rows
-        gap = self._before(frame)[-1] - piece.follows
-        if not gap.any():
+        shown = self._before(frame)[-1]
+        if np.array_equal(shown, piece.follows):
             return rows
         joined = rows.copy()
-        fading = np.linspace(1, 0, JOIN_FRAMES + 2, dtype=np.float32)[1:-1, None][: len(rows)]
-        joined[: len(fading)] += fading * gap
+        share = np.linspace(1, 0, JOIN_FRAMES + 2, dtype=np.float32)[1:-1, None][: len(rows)]
+        joined[: len(share)] += share * (shown - rows[: len(share)])  # a mixture of the two cannot overshoot either
         return joined
 
     @property
