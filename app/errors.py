@@ -14,6 +14,7 @@
     - `MissingExtra`: an optional dependency or voice is not installed; names it (422)
     - `SpeechFailed`: a speech engine failed; names the engine (502)
     - `AlignmentFailed`: an aligner failed; names the aligner (502)
+    - `RecognitionFailed`: a recogniser of phones failed; names it (502)
     - `NegotiationFailed`: a WebRTC offer cannot be answered (400)
         - `IceRestartRefused`: a connection cannot be moved to another network path (422)
     - `TrainingStopped`: training could not go on, though nothing is wrong with the recording: a full disk, say
@@ -91,6 +92,10 @@ class SpeechFailed(MaryError):
 
 class AlignmentFailed(MaryError):
     status, slug, title = 502, "alignment-failed", "Alignment failed"
+
+
+class RecognitionFailed(MaryError):
+    status, slug, title = 502, "recognition-failed", "Recognition failed"
 
 
 class NegotiationFailed(MaryError):

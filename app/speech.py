@@ -49,8 +49,11 @@ class Speech:
         samples: mono waveform, float32 in [-1, 1], shape (n,).
         rate: samples a second.
         phones: gapless, from 0 to the end of the samples, silences included.
-        words: in order of time; gaps are allowed.
+        words: in order of time; gaps are allowed. A word belongs to the piece of speech in which it begins; its end may
+            lie behind that of the piece.
         unread: pieces of the text that the engine could not read and left out.
+        around: the phones with those that sound shortly before and after, in seconds from the first sample, so from
+            less than 0 on to behind the end: live sound is cut in the middle of words. Empty if nothing is known.
     """
 
     samples: NDArray[np.float32]
@@ -58,6 +61,7 @@ class Speech:
     phones: tuple[Phone, ...]
     words: tuple[Word, ...] = ()
     unread: tuple[str, ...] = ()
+    around: tuple[Phone, ...] = ()
 
     @property
     def duration(self) -> float:

@@ -50,6 +50,7 @@ EXPLANATIONS = {
     "missing-extra": "An optional part of the service, such as a voice, is not installed.",
     "speech-failed": "The speech engine failed.",
     "alignment-failed": "The aligner failed.",
+    "recognition-failed": "What hears the phones of a sound without a text failed.",
     "negotiation-failed": "The WebRTC offer is broken or has nothing in common with what the service can send.",
     "ice-restart-refused": "A WebRTC connection keeps its ICE credentials. DELETE it and send a new offer instead.",
     "precondition-required": "The request must say by If-Match which ICE session it is about.",

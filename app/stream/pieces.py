@@ -6,6 +6,7 @@ is the time of the whole utterance: frame n shows what sounds n / fps after its 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
@@ -21,6 +22,8 @@ from app.stream.timing import Stage
 
 REST_FRAMES = 5
 """0.2 s of silence after the last word, in which the mouth comes to rest."""
+AFTER_FRAMES = 8
+"""Frames after a piece that its trajectory is drawn to, if it is known what comes."""
 HISTORY_FRAMES = 8
 """Frames before a piece that its trajectory is continued from."""
 
@@ -83,8 +86,10 @@ def pieces(
         elapsed += Fraction(len(speech.samples), speech.rate)
         end = round(elapsed * SAMPLE_RATE)
         first, frames = first_frame_at(start), first_frame_at(end) - first_frame_at(start)
-        phones = _later(speech.phones, (first * FRAME_SAMPLES - start) / SAMPLE_RATE)
-        rows = articulator.trajectory(phones, frames, before=before) if frames else before[:0]
+        rows = before[:0]
+        if frames:
+            offset = (first * FRAME_SAMPLES - start) / SAMPLE_RATE
+            rows = _trajectory(articulator, speech, offset, frames, before)
         follows = before[-1]
         before = np.concatenate([before, rows])[-HISTORY_FRAMES:]
         mark("trajectory")
@@ -123,6 +128,17 @@ def _since_start(speech: Speech, start: float) -> tuple[tuple[Phone, ...], tuple
         tuple(Phone(phone.symbol, start + phone.start, start + phone.end) for phone in speech.phones),
         tuple(Word(word.text, start + word.start, start + word.end) for word in speech.words),
     )
+
+
+def _trajectory(
+    articulator: Articulator, speech: Speech, offset: float, frames: int, before: Coefficients
+) -> Coefficients:
+    """Mouths of the frames of one piece, the first of them `offset` seconds after its first sample."""
+    if not speech.around:
+        return articulator.trajectory(_later(speech.phones, offset), frames, before=before)
+    phones = [Phone(phone.symbol, phone.start - offset, phone.end - offset) for phone in speech.around]
+    known = max(0, math.ceil((phones[-1].end - frames / FPS) * FPS))  # frames after the piece draw the mouth already
+    return articulator.trajectory(phones, frames + min(known, AFTER_FRAMES), before=before)[:frames]
 
 
 def _later(phones: Sequence[Phone], offset: float) -> list[Phone]:

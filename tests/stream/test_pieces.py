@@ -1,6 +1,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,7 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from puppet import FPS, TinyAvatar, speech
 
-from app.speech import SILENCE, Word
+from app.engine.avatar import load_avatar
+from app.speech import SILENCE, Phone, Speech, Word
 from app.stream.clock import FRAME_SAMPLES
 from app.stream.pieces import REST_FRAMES, pieces, to_rest
 
@@ -95,6 +98,35 @@ def test_phones_and_words_are_timed_from_the_utterances_start() -> None:
     )
     assert (one.words, two.words[0].text, rest.words) == ((Word("Ah.", 0.0, 0.2),), "Mm", ())
     assert (two.words[0].start, two.words[0].end) == pytest.approx((0.35, 0.5), abs=1e-4)
+
+
+def test_a_piece_cut_from_speech_moves_as_the_whole_does() -> None:
+    """With what is around it, a piece has the frames that it has in the whole: nothing shows where it was cut."""
+    avatar = load_avatar(Path(__file__).resolve().parents[2] / "avatars" / "mary")
+    phones = [
+        Phone(symbol, n * 0.09, (n + 1) * 0.09)
+        for n, symbol in enumerate(["HH", "AH", "L", "OW", "M", "AA", "M", "AH", "B", "AA", "P", "IY"])
+    ]
+    duration = phones[-1].end
+    samples = np.zeros(round(duration * 48_000), np.float32)
+    (whole, _) = pieces(avatar, [Speech(samples, 48_000, tuple(phones))])
+    scale = np.abs(np.diff(whole.coefficients, axis=0)).max()
+
+    def cut(start: float, end: float, *, known: bool) -> Speech:
+        around = tuple(Phone(p.symbol, p.start - start, p.end - start) for p in phones if p.start < end + 0.2)
+        inside = [Phone(p.symbol, max(p.start, 0.0), min(p.end, end - start)) for p in around]
+        inside = [p for p in inside if p.end > p.start]
+        count = round((end - start) * 48_000)
+        return Speech(samples[:count], 48_000, tuple(inside), around=around if known else ())
+
+    def error(known: bool) -> float:
+        edges = [*np.arange(0, duration, 0.2), duration]
+        parts = [cut(start, end, known=known) for start, end in pairwise(edges)]
+        rows = np.concatenate([piece.coefficients for piece in pieces(avatar, parts) if piece is not None])
+        return float(np.abs(rows[: len(whole.coefficients)] - whole.coefficients).max() / scale)
+
+    assert error(known=True) < 0.05
+    assert error(known=False) > 0.2  # or this test shows nothing
 
 
 def test_a_piece_says_which_mouth_it_follows() -> None:
