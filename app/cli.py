@@ -96,17 +96,26 @@ def say(
     avatar: Annotated[str | None, typer.Option(help="See: mary avatars.")] = None,
     voice: Annotated[str | None, typer.Option(help="See: mary voices.")] = None,
     speed: Annotated[float, typer.Option(min=0.5, max=2.0, help="1 is the voice's own pace.")] = 1.0,
-    audio: Annotated[Path | None, typer.Option(help="Speak this sound (needs --phones) instead of a text.")] = None,
-    phones: Annotated[Path | None, typer.Option(help="JSON list of [symbol, start, end], ARPAbet, seconds.")] = None,
+    audio: Annotated[Path | None, typer.Option(help="Speak with this recording instead of a voice.")] = None,
+    said: Annotated[str, typer.Option("--text", help="What the recording says; - reads it. Without: is heard.")] = "",
+    strict: Annotated[bool, typer.Option("--strict", help="Refuse a text that is not what it says.")] = False,
+    phones: Annotated[
+        Path | None, typer.Option(help="Its phones: JSON list of [symbol, start, end], ARPAbet, seconds.")
+    ] = None,
     still: Annotated[bool, typer.Option("--still", help="Keep the head at its rest pose.")] = False,
     config: ConfigOption = None,
 ) -> None:
-    """Render a text, or given sound with given phone times, into an MP4 file."""
+    """Render a text, or a recording with its text, with its phone times, or alone, into an MP4 file."""
     settings = load(config)
-    if (audio is None) != (phones is None):
-        raise InputError("--audio and --phones go together", advice="Give both, or a text.")
-    if (audio is None) == (not text):
-        raise InputError("give either a text or --audio with --phones", advice='mary say "Hello" -o hello.mp4')
+    if text and said:
+        raise InputError("the text is given twice", advice="Give it once, with --text or without.")
+    text = text or said
+    if audio is None and phones is not None:
+        raise InputError("--phones are those of a recording", advice="Give --audio, too.")
+    if audio is None and not text:
+        raise InputError("give a text or --audio", advice='mary say "Hello" -o hello.mp4')
+    if phones is not None and text:
+        raise InputError("give either --phones or a text", advice="The times are found by the text, or given.")
     if output.is_dir() or not output.absolute().parent.is_dir():
         raise InputError(f"{output} cannot be written", field="output", advice="Name a file in a folder that exists.")
     from app.align.given import read_speech
@@ -120,6 +129,9 @@ def say(
         face = _shelf(settings).get(avatar or settings.avatars.default)
         if audio is not None and phones is not None:
             speeches = iter([read_speech(audio, phones)])
+        elif audio is not None:
+            progress.update(task, description="listening")
+            speeches = _recorded(settings, audio, text, strict)
         else:
             speeches = _spoken(settings, text, face.manifest.voice, voice, speed)
         unread: list[str] = []
@@ -171,6 +183,25 @@ def _spoken(settings: Settings, text: str, preferred: str, voice: str | None, sp
     chosen = choose_voice(engine, voice or "", settings.speech.voice or preferred)
     engine.warm_up()
     return narrate(engine, planned, voice=chosen.id, speed=speed)
+
+
+def _recorded(settings: Settings, audio: Path, text: str, strict: bool) -> Iterator[Speech]:
+    """The pieces of a recording, its phones found by its text, or heard."""
+    from app.align import recognisers, registry
+    from app.align.listen import align_recording, cut, recognise_recording
+    from app.align.sound_file import read_sound
+
+    said = sys.stdin.read() if text == "-" else text
+    samples, rate = read_sound(audio, longest=settings.limits.audio_seconds)
+    if not said.strip():
+        return cut(recognise_recording(samples, rate, recognisers.create(settings.align.recogniser)).speech)
+    listened = align_recording(samples, rate, said, registry.create(settings.align.engine), strict=strict)
+    if listened.guessed:
+        _err.print(Text(f"pronounced by guess: {' '.join(listened.guessed)}"), soft_wrap=True)
+    if listened.doubtful:
+        doubt = f"the text does not seem to be what is said (confidence {listened.confidence:.2f})"
+        _err.print(Text(doubt), soft_wrap=True)
+    return cut(listened.speech)
 
 
 @app.command()

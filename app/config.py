@@ -72,6 +72,11 @@ class SpeechSettings(_Section):
     seconds: float = Field(default=10.0, gt=0)
 
 
+class AlignSettings(_Section):
+    engine: str = "pocketsphinx"
+    recogniser: str = "hama"
+
+
 class EngineSettings(_Section):
     renderer: Literal["fast", "reference"] = "fast"
     workers: int = Field(default=0, ge=0, le=256)
@@ -140,6 +145,9 @@ class RenderSettings(_Section):
 class LimitSettings(_Section):
     text: int = Field(default=10_000, gt=0)
     sdp: int = Field(default=65_536, gt=0)
+    audio_bytes: int = Field(default=50_000_000, gt=0)
+    audio_seconds: float = Field(default=300.0, gt=0)
+    live_audio_seconds: float = Field(default=60.0, gt=1)
 
 
 class Settings(BaseSettings):
@@ -152,6 +160,7 @@ class Settings(BaseSettings):
     server: ServerSettings = ServerSettings()
     avatars: AvatarSettings = AvatarSettings()
     speech: SpeechSettings = SpeechSettings()
+    align: AlignSettings = AlignSettings()
     engine: EngineSettings = EngineSettings()
     stream: StreamSettings = StreamSettings()
     webrtc: WebrtcSettings = WebrtcSettings()

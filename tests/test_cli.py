@@ -15,6 +15,8 @@ import av
 import numpy as np
 import pytest
 
+from app.tts.hibari import HibariEngine
+
 ROOT = Path(__file__).resolve().parent.parent
 FPS = 25
 RATE = 16_000
@@ -105,6 +107,29 @@ def test_given_sound_is_spoken_with_the_head_still(mary, sound: Path, written, t
     assert np.abs(top - top[0]).mean() < 1.0
 
 
+def test_a_recording_is_spoken_with_its_text_or_without(mary, tmp_path: Path) -> None:
+    speech = HibariEngine().speak("My mother bought five big maps.")
+    recording = tmp_path / "speech.wav"
+    with wave.open(str(recording), "wb") as file:
+        file.setnchannels(1)
+        file.setsampwidth(2)
+        file.setframerate(speech.rate)
+        file.writeframes((speech.samples * 32767).astype("<i2").tobytes())
+    text = ("--text", "My mother bought five big maps.")
+    for options, told in ((text, ""), ((), ""), (("--text", "Zqx my mother bought five big maps."), "Zqx")):
+        said = mary("say", "--audio", str(recording), *options, "-o", "out.mp4")
+        assert said.returncode == 0, said.stderr
+        assert told in said.stderr
+        assert abs(len(pictures(tmp_path / "out.mp4")) / FPS - speech.duration) < 0.3
+    wrong = ("--text", "Seven sheep slept here until noon.")
+    said = mary("say", "--audio", str(recording), *wrong, "-o", "out.mp4")
+    assert "does not seem to be what is said" in said.stderr
+    (tmp_path / "out.mp4").unlink()
+    said = mary("say", "--audio", str(recording), *wrong, "--strict", "-o", "out.mp4")
+    assert said.returncode == 2
+    assert not (tmp_path / "out.mp4").exists()
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -118,7 +143,11 @@ def test_given_sound_is_spoken_with_the_head_still(mary, sound: Path, written, t
         (["say", "Hello", "--config", "{config}"], "speech.voice"),
         (["say", "Hello", "-o", "no/such/folder/x.mp4"], "no/such/folder"),
         (["say", "Hello", "-o", "."], "cannot be written"),
-        (["say", "--audio", "x.wav"], "--phones"),
+        (["say", "--audio", "x.wav"], "x.wav cannot be read as sound"),
+        (["say", "--audio", "{config}", "--text", "Hello"], "cannot be read as sound"),
+        (["say", "--phones", "x.json"], "--audio"),
+        (["say", "Hello", "--text", "Hello"], "twice"),
+        (["say", "--audio", "x.wav", "--phones", "x.json", "--text", "Hello"], "--phones"),
         (["say", "--audio", "x.wav", "--phones", "x.json"], "x.wav"),
         (["say", "Hello", "--config", "nothing.yaml"], "nothing.yaml"),
         (["train", "nothing", "-o", "out"], "nothing"),

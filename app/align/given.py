@@ -6,9 +6,7 @@ import json
 from itertools import pairwise
 from pathlib import Path
 
-import av
-import numpy as np
-
+from app.align.sound_file import read_sound
 from app.errors import InputError
 from app.speech import PHONES, SILENCE, Phone, Speech
 
@@ -29,19 +27,7 @@ def read_speech(audio: Path, phones: Path) -> Speech:
     Raises:
         InputError: a file is missing or broken, or times do not fit to the sound.
     """
-    try:
-        with av.open(str(audio)) as container:
-            if not container.streams.audio:
-                raise InputError(f"{audio} has no sound in it", field="audio")
-            rate = container.streams.audio[0].rate
-            resampler = av.AudioResampler(format="flt", layout="mono", rate=rate)
-            frames = [part for frame in container.decode(audio=0) for part in resampler.resample(frame)]
-            frames += resampler.resample(None)
-    except (OSError, av.FFmpegError) as error:
-        raise InputError(f"{audio} cannot be read as sound: {error}", field="audio") from error
-    samples = np.concatenate([frame.to_ndarray()[0] for frame in frames] or [np.zeros(0)]).astype(np.float32)
-    if len(samples) == 0:
-        raise InputError(f"{audio} is empty", field="audio")
+    samples, rate = read_sound(audio)
     try:
         entries = json.loads(phones.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:

@@ -250,8 +250,10 @@ class _Ear:
         waiting = heard - self.given
         if last:
             length = min(waiting, LONGEST)
+        elif waiting < self.least_waiting - 1e-6:
+            return None
         else:
-            length = (min(waiting - LOOK, LONGEST) + 1e-6) // STEP * STEP if waiting >= self.least_waiting - 1e-6 else 0.0
+            length = (min(waiting - LOOK, LONGEST) + 1e-6) // STEP * STEP
         samples = self._loud.take(self.given, self.given + length)
         if not len(samples):
             return None

@@ -8,7 +8,9 @@ from importlib.metadata import version
 
 from fastapi import FastAPI
 
-from app.api import catalogue, conversation, health, latency, live, page, problems, render, streams, whep
+from app.api import (
+    catalogue, conversation, health, latency, live, page, problems, recordings, render, streams, whep,
+)  # fmt: skip
 from app.api.cross_origin import CrossOrigin
 from app.api.middleware import BodyLimit, Envelope
 from app.api.schemas import Problem
@@ -17,6 +19,9 @@ from app.config import Settings
 
 JSON_BYTES_A_CHARACTER = 12
 """The longest way to write one character in JSON: two escapes of six bytes."""
+
+FORM_BYTES_A_CHARACTER = 4
+"""The longest way to write one character in UTF-8."""
 
 OTHER_FIELDS_BYTES = 65_536
 """What the rest of a request may take."""
@@ -47,12 +52,15 @@ def create_app(settings: Settings) -> FastAPI:
         },
     )
     app.state.service = Service(settings)
-    app.add_middleware(BodyLimit, limit=body_limit(settings))
+    app.add_middleware(BodyLimit, limit=body_limit(settings), form_limit=form_limit(settings))
     app.add_middleware(Envelope)
     if settings.server.cors_origins:
         app.add_middleware(CrossOrigin, origins=settings.server.cors_origins)
     problems.install(app)
-    for part in (streams, live, whep, conversation, render, catalogue, latency, health, problems, page):
+    app.include_router(recordings.forms)  # before the routes at the same addresses that take JSON
+    for part in (
+        recordings, streams, live, whep, conversation, render, catalogue, latency, health, problems, page,
+    ):  # fmt: skip
         app.include_router(part.router)
     page.mount(app)
     return app
@@ -61,3 +69,8 @@ def create_app(settings: Settings) -> FastAPI:
 def body_limit(settings: Settings) -> int:
     """Bytes of the longest body or message that can hold anything sensible."""
     return max(settings.limits.text * JSON_BYTES_A_CHARACTER, settings.limits.sdp) + OTHER_FIELDS_BYTES
+
+
+def form_limit(settings: Settings) -> int:
+    """Bytes of the longest form that can hold a recording and its text."""
+    return settings.limits.audio_bytes + settings.limits.text * FORM_BYTES_A_CHARACTER + OTHER_FIELDS_BYTES

@@ -17,29 +17,40 @@ from app.api.problems import problem, unexpected
 
 _log = structlog.get_logger("mary.api")
 
+FORM = "multipart/form-data"
+
 _QUIET = {"/healthz", "/readyz", "/static"}
 """Routes that would only fill the log."""
 
 
 class BodyLimit:
-    """Refuse bodies of more than `limit` bytes before they are read, or while, when their length was not announced."""
+    """Refuse bodies that are too long before they are read, or while, when their length was not announced.
 
-    def __init__(self, app: ASGIApp, limit: int) -> None:
+    Args:
+        app: the rest of the application.
+        limit: bytes of a body.
+        form_limit: bytes of one that is a form, which may hold a recording.
+    """
+
+    def __init__(self, app: ASGIApp, limit: int, form_limit: int) -> None:
         self._app = app
         self._limit = limit
+        self._form_limit = form_limit
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
-        announced = Headers(scope=scope).get("content-length", "")
-        if announced.isdecimal() and int(announced) > self._limit:
+        headers = Headers(scope=scope)
+        limit = self._form_limit if headers.get("content-type", "").lower().startswith(FORM) else self._limit
+        announced = headers.get("content-length", "")
+        if announced.isdecimal() and int(announced) > limit:
             # The body is not read, so the connection cannot carry another request.
             answer = problem(
                 413,
                 "too-long",
                 "Too long",
-                self._detail(),
+                _too_long(limit),
                 advice="Send less at a time.",
                 headers={"Connection": "close"},
             )
@@ -51,14 +62,15 @@ class BodyLimit:
             nonlocal taken
             message = await receive()
             taken += len(message.get("body", b""))
-            if taken > self._limit:
-                raise HTTPException(413, self._detail(), {"Connection": "close"})
+            if taken > limit:
+                raise HTTPException(413, _too_long(limit), {"Connection": "close"})
             return message
 
         await self._app(scope, counted, send)
 
-    def _detail(self) -> str:
-        return f"the body is longer than {self._limit} bytes"
+
+def _too_long(limit: int) -> str:
+    return f"the body is longer than {limit} bytes"
 
 
 class Envelope:

@@ -6,7 +6,7 @@ import asyncio
 import shutil
 import tempfile
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from urllib.parse import quote
 
@@ -22,14 +22,14 @@ from app.engine.avatar import Avatar
 from app.errors import OverCapacity
 from app.speech import Speech
 from app.stream.render import render_file
-from app.tts.narrate import Plan, narrate, plan
+from app.tts.narrate import narrate, plan
 
 router = APIRouter(prefix="/v1", tags=["render"])
 
 UNREAD_HEADER = "Mary-Unread"
 """What of the text could not be read aloud, percent-encoded and separated by commas; the body is the file."""
-UNREAD_MOST = 2048
-"""Characters of that header: proxies refuse long ones."""
+HEADER_MOST = 2048
+"""Characters of a header: proxies refuse long ones."""
 
 
 class _AbandonedError(Exception):
@@ -54,16 +54,48 @@ async def render(order: RenderRequest, request: Request, service: LoadedService)
     planned = plan(order.text)
     avatar = await service.avatar(order.avatar)
     voice = service.voice(order.voice, avatar).id
-    work = asyncio.create_task(_render(service, avatar, planned, voice, order.speed))
+    headers = {}
+    if planned.unread:
+        headers[UNREAD_HEADER] = ", ".join(quote(piece, safe="") for piece in planned.unread)[:HEADER_MOST]
+
+    def speeches() -> Iterator[Speech]:
+        return narrate(service.engine, planned, voice=voice, speed=order.speed)
+
+    return await send_rendered(request, service, avatar, speeches, headers)
+
+
+async def send_rendered(
+    request: Request,
+    service: Service,
+    avatar: Avatar,
+    speeches: Callable[[], Iterator[Speech]],
+    headers: dict[str, str],
+) -> Response:
+    """The answer that is a finished file.
+
+    Args:
+        request: whose caller may hang up.
+        service: renders.
+        avatar: who speaks.
+        speeches: made in the thread that renders; they follow each other without a gap.
+        headers: of the answer.
+
+    Raises:
+        OverCapacity: too many files are being rendered, or the service is stopping.
+        MaryError: what the speeches raise.
+    """
+    work = asyncio.create_task(_render(service, avatar, speeches))
     gone = asyncio.create_task(_hung_up(request))
     closing = asyncio.create_task(service.closing.wait())
     try:
         await asyncio.wait({work, gone, closing}, return_when=asyncio.FIRST_COMPLETED)
         if work.done():
-            headers = {"Cache-Control": "no-store"}
-            if planned.unread:
-                headers[UNREAD_HEADER] = ", ".join(quote(piece, safe="") for piece in planned.unread)[:UNREAD_MOST]
-            return OnceFile(work.result(), media_type="video/mp4", headers=headers, filename="mary.mp4")
+            return OnceFile(
+                work.result(),
+                media_type="video/mp4",
+                headers={"Cache-Control": "no-store", **headers},
+                filename="mary.mp4",
+            )
         if closing.done():
             raise OverCapacity("the service is stopping", advice="Try again in a moment.")
         return Response(status_code=499)  # reaches nobody; the log shows it
@@ -73,7 +105,7 @@ async def render(order: RenderRequest, request: Request, service: LoadedService)
         await asyncio.gather(work, gone, closing, return_exceptions=True)
 
 
-async def _render(service: Service, avatar: Avatar, planned: Plan, voice: str, speed: float) -> Path:
+async def _render(service: Service, avatar: Avatar, speeches: Callable[[], Iterator[Speech]]) -> Path:
     """A finished file in a folder of its own; the folder is gone again if this is cancelled or fails."""
     abandoned = threading.Event()
 
@@ -81,14 +113,14 @@ async def _render(service: Service, avatar: Avatar, planned: Plan, voice: str, s
         if abandoned.is_set():
             raise _AbandonedError
 
-    def speeches() -> Iterator[Speech]:
-        for speech in narrate(service.engine, planned, voice=voice, speed=speed):
+    def wanted() -> Iterator[Speech]:
+        for speech in speeches():
             go_on(0)
             yield speech
 
     def work(path: Path) -> None:
         try:
-            render_file(avatar, speeches(), service.settings, path, service.pool, on_frame=go_on)
+            render_file(avatar, wanted(), service.settings, path, service.pool, on_frame=go_on)
         finally:
             if abandoned.is_set():
                 shutil.rmtree(path.parent, ignore_errors=True)

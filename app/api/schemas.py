@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
+from fastapi import UploadFile
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 
@@ -76,6 +77,30 @@ class RenderRequest(Request):
     speed: Speed = 1.0
 
 
+class _Form(BaseModel):
+    """Fields of multipart/form-data; they come as strings."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class RecordingRequest(_Form):
+    """A recording to speak with."""
+
+    audio: UploadFile = Field(description="WAV of any kind, FLAC, MP3, Ogg or M4A; 8 to 96 kHz; mixed to mono.")
+    text: Text = Field(default="", description="What is said in it, all of it; without it the phones are recognised.")
+    strict: bool = Field(default=False, description="Refuse a text that is probably not what is said.")
+    interrupt: bool = Field(default=False, description="Cut short what is being said and forget what is queued.")
+
+
+class RenderRecordingRequest(_Form):
+    """A recording to make a file of."""
+
+    audio: UploadFile
+    text: Text = ""
+    strict: bool = False
+    avatar: Name | None = None
+
+
 class Problem(BaseModel):
     """Any error (RFC 9457)."""
 
@@ -138,6 +163,27 @@ class SayAccepted(BaseModel):
     """Queued, or about to be spoken."""
 
     utterance: Said
+    server_time_ms: float
+
+
+class Recorded(Said):
+    """A recording that was taken.
+
+    Attributes:
+        guessed: words of the text whose pronunciation no dictionary has.
+        confidence: 0 to 1, how well the text fits; null without a text.
+        doubtful: the text is probably not what is said.
+    """
+
+    guessed: list[str]
+    confidence: float | None
+    doubtful: bool
+
+
+class RecordingAccepted(BaseModel):
+    """Queued, or about to be spoken."""
+
+    utterance: Recorded
     server_time_ms: float
 
 

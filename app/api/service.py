@@ -11,6 +11,7 @@ from typing import Annotated, TypeVar
 import structlog
 from fastapi import Depends, Request
 
+from app.api.listening import Listening
 from app.api.threads import in_thread
 from app.api.turns import Turns
 from app.config import Settings
@@ -42,6 +43,7 @@ class Service:
 
     Attributes:
         shelf, engine, pool, streams: there once `loaded` has returned.
+        listening: hears recordings and live sound.
         render_turns: who may render a file now.
         closing: set when the service begins to end; long work is given up then.
         failure: why loading failed, if it did.
@@ -55,6 +57,7 @@ class Service:
 
     def __init__(self, settings: Settings) -> None:
         self.settings = settings
+        self.listening = Listening(settings)
         self.render_turns = Turns(RENDERS_AT_ONCE, RENDERS_WAITING)
         self.failure: Exception | None = None
         self.on_failure: Callable[[], None] = lambda: None
@@ -93,6 +96,7 @@ class Service:
         if self._ready:
             await self.streams.close()
             self.pool.close()
+        await in_thread(self.listening.close)
 
     async def avatar(self, name: str | None) -> Avatar:
         """The avatar called `name`, loaded; the default one for None.
@@ -148,6 +152,7 @@ class Service:
             self.shelf = AvatarShelf(settings.avatars.folder, settings.engine.renderer, settings.avatars.default)
             self.engine = await in_thread(create, settings.speech.engine)
             check_configured(self.engine, settings.speech.voice)
+            self.listening.check()
             await in_thread(self.shelf.get, self.shelf.default)
             await in_thread(self.engine.warm_up)
             self.pool = OrderedPool(settings.engine.workers or len(os.sched_getaffinity(0)))

@@ -184,6 +184,10 @@ class LiveStream:
         self._latency.add(LoggedUtterance(self.id, utterance.id, utterance.characters, utterance.timings))
         return utterance
 
+    def check_living(self) -> None:
+        """Raise Gone if it has ended, before work is done for it."""
+        self._living()
+
     def interrupt(self) -> None:
         """Fall silent within two frames, close the mouth, and forget what is queued.
 

@@ -18,7 +18,7 @@ LIMIT = 100
 @pytest.fixture
 async def client() -> AsyncIterator[httpx.AsyncClient]:
     app = FastAPI()
-    app.add_middleware(BodyLimit, limit=LIMIT)
+    app.add_middleware(BodyLimit, limit=LIMIT, form_limit=3 * LIMIT)
     app.add_middleware(Envelope)
     problems.install(app)
 
@@ -52,6 +52,14 @@ async def test_longer_ones_are_refused(client: httpx.AsyncClient, announced: boo
     assert answer.headers["content-type"] == problems.MEDIA_TYPE
     assert answer.headers["connection"] == "close"
     assert answer.json()["type"] == "/problems/too-long"
+
+
+@pytest.mark.parametrize("announced", [True, False])
+async def test_a_form_may_be_longer(client: httpx.AsyncClient, announced: bool) -> None:
+    form = {"Content-Type": "multipart/form-data; boundary=x"}
+    for size, status in ((2 * LIMIT, 200), (3 * LIMIT + 10, 413)):
+        content = b"x" * size if announced else in_pieces(size)
+        assert (await client.post("/length", content=content, headers=form)).status_code == status
 
 
 async def test_answers_are_safe_in_a_browser(client: httpx.AsyncClient) -> None:

@@ -1,0 +1,114 @@
+"""What hears recordings and live sound: the aligner and the recogniser of the settings, made when first needed."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from typing import BinaryIO
+
+from app.align import recognisers, registry
+from app.align.aligner import Aligner
+from app.align.listen import Listened, align_recording, recognise_recording
+from app.align.live_sound import LiveSound
+from app.align.recogniser import Recogniser
+from app.align.sound_file import read_sound
+from app.api.threads import in_thread
+from app.api.turns import Turns
+from app.config import Settings
+from app.errors import ConfigError
+
+LISTENED_WAITING = 8
+"""Recordings that may wait to be listened to; one more is told to come back later."""
+
+
+class Listening:
+    """Recordings are listened to one at a time. Nothing is loaded before it is needed; to be closed.
+
+    Args:
+        settings: of the whole service.
+    """
+
+    def __init__(self, settings: Settings) -> None:
+        self._settings = settings
+        self._turns = Turns(1, LISTENED_WAITING)
+        self._lock = threading.Lock()
+        self._aligner: Aligner | None = None
+        self._recogniser: Recogniser | None = None
+
+    def check(self) -> None:
+        """Refuse settings that name an aligner or a recogniser that is not there.
+
+        Raises:
+            ConfigError: names the setting and what is known.
+        """
+        chosen = self._settings.align
+        for field, name, names in (
+            ("align.engine", chosen.engine, registry.names),
+            ("align.recogniser", chosen.recogniser, recognisers.names),
+        ):
+            known = names()
+            if name not in known:
+                raise ConfigError(f"{field}: there is no {name!r}", field=field, advice=f"Known: {', '.join(known)}.")
+
+    async def recording(self, file: BinaryIO, text: str, *, strict: bool) -> Listened:
+        """A recording as speech.
+
+        Args:
+            file: any sound file.
+            text: what is said in it, all of it; empty if that is not known.
+            strict: refuse a text that is probably not what is said.
+
+        Raises:
+            InputError, TooLong: see `app.align.sound_file.read_sound` and `app.align.listen.align_recording`.
+            NothingToSay: the text has no word that sounds.
+            AlignmentFailed, RecognitionFailed: what listens failed.
+            MissingExtra: its library is not installed.
+            OverCapacity: too many are waiting.
+        """
+
+        def listen() -> Listened:
+            samples, rate = read_sound(file, longest=self._settings.limits.audio_seconds, name="the recording")
+            if text.strip():
+                return align_recording(samples, rate, text, self._made_aligner(), strict=strict)
+            return recognise_recording(samples, rate, self._made_recogniser())
+
+        async with self._turns:
+            return await in_thread(listen)
+
+    async def live(self, rate: int, transcript: str = "") -> LiveSound:
+        """Live sound to push to; its `speeches` are those of a `Script`.
+
+        Args:
+            rate: samples a second.
+            transcript: what will be said, whole, if it is known.
+
+        Raises:
+            InputError: no such rate.
+            RecognitionFailed, MissingExtra: what hears cannot be loaded.
+        """
+
+        def make() -> LiveSound:
+            recogniser = self._made_recogniser()
+            recogniser.warm_up()
+            limit = self._settings.limits.live_audio_seconds
+            return LiveSound(recogniser, rate, transcript=transcript, limit=limit)
+
+        return await in_thread(make)
+
+    def close(self) -> None:
+        """End what works in a process of its own; a recording in work fails."""
+        close: Callable[[], None] | None = getattr(self._aligner, "close", None)
+        if close is not None:
+            close()
+
+    def _made_aligner(self) -> Aligner:
+        with self._lock:
+            if self._aligner is None:
+                self._aligner = registry.create(self._settings.align.engine)
+            return self._aligner
+
+    def _made_recogniser(self) -> Recogniser:
+        with self._lock:
+            if self._recogniser is None:
+                self._recogniser = recognisers.create(self._settings.align.recogniser)
+            return self._recogniser

@@ -1,0 +1,84 @@
+"""The caller's own recording instead of a voice: spoken by a stream, or made a file of."""
+
+from __future__ import annotations
+
+import time
+from typing import Annotated
+from urllib.parse import quote
+
+from fastapi import APIRouter, Form, Request
+from fastapi.responses import FileResponse, Response
+from fastapi.routing import APIRoute
+from starlette.datastructures import Headers
+from starlette.routing import Match
+from starlette.types import Scope
+
+from app.align.listen import Listened, cut
+from app.api.middleware import FORM
+from app.api.render import HEADER_MOST, send_rendered
+from app.api.schemas import Recorded, RecordingAccepted, RecordingRequest, RenderRecordingRequest
+from app.api.service import LoadedService
+from app.stream.utterance import Script
+
+CONFIDENCE_HEADER, GUESSED_HEADER = "Mary-Confidence", "Mary-Guessed"
+"""How well the text fits, 0 to 1; words no dictionary has, percent-encoded and separated by commas."""
+
+
+def carries_form(scope: Scope) -> bool:
+    """Whether a request says that its body is multipart/form-data."""
+    return Headers(scope=scope).get("content-type", "").partition(";")[0].strip().lower() == FORM
+
+
+class FormRoute(APIRoute):
+    """A route that takes forms, beside one at the same address that takes JSON."""
+
+    def matches(self, scope: Scope) -> tuple[Match, Scope]:
+        """No match for what is no form."""
+        match, child = super().matches(scope)
+        return (match, child) if match is not Match.FULL or carries_form(scope) else (Match.NONE, {})
+
+
+router = APIRouter(prefix="/v1")
+forms = APIRouter(prefix="/v1", route_class=FormRoute)
+
+
+@router.post("/streams/{stream_id}/audio", status_code=202, tags=["streams"])
+async def speak(
+    stream_id: str, order: Annotated[RecordingRequest, Form(media_type=FORM)], service: LoadedService
+) -> RecordingAccepted:
+    """Say a recording: after what is being said, or (`interrupt`) instead of it."""
+    stream = service.streams.get(stream_id)
+    stream.check_living()
+    service.check_length(order.text)
+    listened = await service.listening.recording(order.audio.file, order.text, strict=order.strict)
+    utterance = stream.speak(Script(cut(listened.speech)), len(order.text), interrupt=order.interrupt)
+    return RecordingAccepted(
+        utterance=Recorded(
+            id=utterance.id,
+            unread=[],
+            guessed=list(listened.guessed),
+            confidence=listened.confidence,
+            doubtful=listened.doubtful,
+        ),
+        server_time_ms=time.time() * 1000,
+    )
+
+
+@forms.post("/render", response_class=FileResponse, include_in_schema=False)
+async def render(
+    order: Annotated[RenderRecordingRequest, Form(media_type=FORM)], request: Request, service: LoadedService
+) -> Response:
+    """Speak a recording into an MP4 file, as fast as the machine can. When the caller hangs up, the work stops."""
+    service.check_length(order.text)
+    avatar = await service.avatar(order.avatar)
+    listened = await service.listening.recording(order.audio.file, order.text, strict=order.strict)
+    return await send_rendered(request, service, avatar, lambda: cut(listened.speech), _headers(listened))
+
+
+def _headers(listened: Listened) -> dict[str, str]:
+    headers = {}
+    if listened.confidence is not None:
+        headers[CONFIDENCE_HEADER] = f"{listened.confidence:.2f}"
+    if listened.guessed:
+        headers[GUESSED_HEADER] = ", ".join(quote(word, safe="") for word in listened.guessed)[:HEADER_MOST]
+    return headers
