@@ -158,6 +158,7 @@ class LiveSound:
                 return
             if interrupted:
                 ear = _Ear(self._recogniser, self.rate, ())  # what the transcript says was interrupted, too
+                yield None  # so that nothing of before and nothing of after comes of the same question
             ear.listen(chunks, last=flushed)
             spoken = False
             while (speech := ear.speech(flushed)) is not None:

@@ -9,7 +9,17 @@ from importlib.metadata import version
 from fastapi import FastAPI
 
 from app.api import (
-    catalogue, conversation, health, latency, live, page, problems, recordings, render, streams, whep,
+    catalogue,
+    conversation,
+    health,
+    latency,
+    live,
+    page,
+    problems,
+    recordings,
+    render,
+    streams,
+    whep,
 )  # fmt: skip
 from app.api.cross_origin import CrossOrigin
 from app.api.middleware import BodyLimit, Envelope

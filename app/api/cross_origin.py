@@ -11,7 +11,10 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 METHODS = ("DELETE", "GET", "HEAD", "PATCH", "POST")
 SENT = ("Content-Type", "If-Match", "Last-Event-ID", "Range")
 """Headers a page may send."""
-SEEN = ("Accept-Patch", "Accept-Ranges", "Content-Range", "ETag", "Link", "Location", "Mary-Unread", "Retry-After")
+SEEN = (
+    "Accept-Patch", "Accept-Ranges", "Content-Range", "ETag", "Link", "Location", "Mary-Confidence", "Mary-Guessed",
+    "Mary-Unread", "Retry-After",
+)  # fmt: skip
 """Headers of an answer that a page may read, beside those it always may."""
 PREFLIGHT_SECONDS = 600  # how long a browser need not ask again
 

@@ -20,6 +20,7 @@ _log = structlog.get_logger("mary.api")
 
 _SLUGS = {
     400: "bad-request",
+    403: "forbidden",
     404: "not-found",
     405: "method-not-allowed",
     412: "precondition-failed",
@@ -55,6 +56,7 @@ EXPLANATIONS = {
     "ice-restart-refused": "A WebRTC connection keeps its ICE credentials. DELETE it and send a new offer instead.",
     "precondition-required": "The request must say by If-Match which ICE session it is about.",
     "precondition-failed": "The request is about another ICE session than the present one.",
+    "forbidden": "A page of another origin sent a form. See server.cors_origins in the settings.",
     "bad-request": "The request could not be read.",
     "method-not-allowed": "This address does not answer to this method.",
     "unsupported-media-type": "The body is of a type that this address does not take.",

@@ -6,10 +6,11 @@ import time
 from typing import Annotated
 from urllib.parse import quote
 
-from fastapi import APIRouter, Form, Request
+from fastapi import APIRouter, Depends, Form, Request
 from fastapi.responses import FileResponse, Response
 from fastapi.routing import APIRoute
 from starlette.datastructures import Headers
+from starlette.exceptions import HTTPException
 from starlette.routing import Match
 from starlette.types import Scope
 
@@ -25,8 +26,9 @@ CONFIDENCE_HEADER, GUESSED_HEADER = "Mary-Confidence", "Mary-Guessed"
 
 
 def carries_form(scope: Scope) -> bool:
-    """Whether a request says that its body is multipart/form-data."""
-    return Headers(scope=scope).get("content-type", "").partition(";")[0].strip().lower() == FORM
+    """Whether a request says that its body is multipart/form-data, and can be one."""
+    kind, _, parameters = Headers(scope=scope).get("content-type", "").partition(";")
+    return kind.strip().lower() == FORM and "boundary=" in parameters.lower()
 
 
 class FormRoute(APIRoute):
@@ -38,8 +40,16 @@ class FormRoute(APIRoute):
         return (match, child) if match is not Match.FULL or carries_form(scope) else (Match.NONE, {})
 
 
-router = APIRouter(prefix="/v1")
-forms = APIRouter(prefix="/v1", route_class=FormRoute)
+async def own_or_allowed(request: Request) -> None:
+    """Refuse forms of foreign pages, which a browser sends without asking, unlike JSON."""
+    site = request.headers.get("sec-fetch-site", "none")
+    allowed = request.app.state.service.settings.server.cors_origins
+    if site in ("cross-site", "same-site") and not {"*", request.headers.get("origin", "")} & set(allowed):
+        raise HTTPException(403, "pages of other origins may not send forms")
+
+
+router = APIRouter(prefix="/v1", dependencies=[Depends(own_or_allowed)])
+forms = APIRouter(prefix="/v1", route_class=FormRoute, dependencies=[Depends(own_or_allowed)])
 
 
 @router.post("/streams/{stream_id}/audio", status_code=202, tags=["streams"])

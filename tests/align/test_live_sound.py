@@ -162,6 +162,7 @@ def test_interrupted_sound_is_forgotten_and_what_follows_is_spoken() -> None:
     assert sound.waiting == 0
     sound.push_audio(np.zeros(4_800, np.float32))
     sound.end()
+    assert next(speeches) is None  # between what was interrupted and what follows
     taken = drain(speeches)
     assert sum(speech.duration for speech in taken) == pytest.approx(0.3)
     assert not np.concatenate([speech.samples for speech in taken]).any()

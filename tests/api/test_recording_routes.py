@@ -201,6 +201,14 @@ def test_json_still_renders_a_text_and_other_bodies_are_refused(server: str, cur
     assert curl(f"{stream}/audio").status == 405
 
 
+def test_a_form_of_a_foreign_page_is_refused(server: str, curl, stream: str, recording: Path) -> None:
+    foreign = ("-H", "Sec-Fetch-Site: cross-site", "-H", "Origin: https://elsewhere.example")
+    for url in (f"{server}/v1/render", f"{stream}/audio"):
+        answer = curl(url, "-F", f"audio=@{recording}", *foreign)
+        assert (answer.status, answer.json()["type"]) == (403, "/problems/forbidden")
+    assert curl(f"{stream}/audio", "-F", f"audio=@{recording}", "-H", "Sec-Fetch-Site: same-origin").status == 202
+
+
 def test_too_long_ones_are_refused(own_server, curl, tmp_path: Path, speech: Speech) -> None:
     short = wav(tmp_path / "short.wav", speech.samples[: speech.rate // 2], speech.rate)
     longer = wav(tmp_path / "long.wav", np.tile(speech.samples, 4), speech.rate)
