@@ -14,7 +14,7 @@ from app.errors import InputError, TooLong
 SLOWEST, FASTEST = 8_000, 96_000
 """Samples a second that are taken."""
 
-FORMATS = "wav,w64,aiff,caf,au,flac,mp3,ogg,aac,mov,mp4,matroska,webm"
+FORMATS = "wav,w64,aiff,caf,au,flac,mp3,ogg,aac,mov,mp4,matroska,webm,avi,flv,mpeg,mpegts"
 """FFmpeg's readers that are tried. Not those of playlists, which open further files and addresses."""
 
 Samples = NDArray[np.float32]
