@@ -15,6 +15,7 @@ import structlog
 from fastapi import APIRouter, WebSocket, WebSocketDisconnect
 from fastapi.exceptions import RequestValidationError
 
+from app.align.live_sound import LiveSound
 from app.api import problems
 from app.api.live import SEND_SECONDS, event_names
 from app.api.messages import (
@@ -94,6 +95,7 @@ class Conversation:
         self._utterance: Utterance | None = None  # it
         self._told_over = False  # the client knows that it was cut short
         self._text: LiveText | None = None  # the last one that was written here
+        self._sound_cut = False  # what still comes of it is nobody's mistake
         self._problems = 0
 
     async def run(self, names: Collection[EventName]) -> None:
@@ -112,6 +114,11 @@ class Conversation:
         if self._feed is not None:
             self._feed.end()
             self._feed = None
+
+    def _cut(self) -> None:
+        """What was begun is interrupted; sound may still be on its way here."""
+        self._sound_cut = isinstance(self._feed, LiveSound)
+        self.close()
 
     async def _tell(self, names: Collection[EventName]) -> None:
         try:
@@ -144,7 +151,7 @@ class Conversation:
             if frame.get("text") is not None:
                 await self._obey(read(frame["text"]))
             else:
-                await self._hear(frame["bytes"])
+                self._hear(frame["bytes"])
         except MaryError as error:
             await self._object(problems.of_error(error))
         except RequestValidationError as error:
@@ -155,14 +162,14 @@ class Conversation:
             case TextMessage():
                 await self._write(message)
             case AudioMessage():
-                raise InputError("live sound is not taken yet", field="type")
+                await self._begin_sound(message)
             case FlushMessage():
                 self._begun("flush").flush()
             case EndMessage():
                 self._begun("end")
                 self.close()
             case InterruptMessage():
-                self.close()
+                self._cut()
                 self._stream.interrupt()
             case SayMessage():
                 await self._say(message)
@@ -183,17 +190,30 @@ class Conversation:
         feed.push(message.text)
         await self._tell_unread()
 
-    async def _hear(self, data: bytes) -> None:
-        raise InputError(
-            f"{len(data):,} bytes came where a message was due",
-            advice='Text frames carry messages; binary ones carry sound after {"type": "audio", "rate": 24000}.',
-        )
+    async def _begin_sound(self, message: AudioMessage) -> None:
+        if self._feed is not None:
+            raise InputError("something else is being sent", field="type", advice='Send "end" or "interrupt" first.')
+        transcript = message.transcript or ""
+        self._service.check_length(transcript)
+        sound = await self._service.listening.live(message.rate, transcript)
+        await self._begin(sound, Script(sound.speeches()), message.phase)
+        self._text = None
+
+    def _hear(self, data: bytes) -> None:
+        if isinstance(self._feed, LiveSound):
+            if not self._is_over():
+                self._feed.push_audio(data)
+        elif not self._sound_cut:
+            raise InputError(
+                f"{len(data):,} bytes came where a message was due",
+                advice='Text frames carry messages; binary ones carry sound after {"type": "audio", "rate": 24000}.',
+            )
 
     async def _say(self, message: SayMessage) -> None:
         self._service.check_length(message.text)
         voice = self._service.voice(message.voice, self._stream.avatar).id if message.voice else None
         if message.interrupt:
-            self.close()
+            self._cut()
         utterance = self._stream.say(
             message.text, interrupt=message.interrupt, voice=voice, speed=message.speed, phase=_phase(message.phase)
         )
@@ -202,7 +222,7 @@ class Conversation:
     async def _begin(self, feed: Feed, script: Script, phase: Phase | None) -> None:
         self._utterance = self._stream.speak(script, 0, phase=_phase(phase))
         self._feed = feed
-        self._told_over = False
+        self._told_over = self._sound_cut = False
         await self._accept(self._utterance)
 
     def _begun(self, what: str) -> Feed:

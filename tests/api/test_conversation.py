@@ -10,10 +10,13 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
+import soxr
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
 from app.api.conversation import MAX_PROBLEMS
+from app.tts.hibari import HibariEngine
+from app.tts.mock import MockEngine
 
 PATIENCE = 30
 
@@ -97,6 +100,81 @@ def test_an_interruption_in_the_middle_of_a_word(talk: Open) -> None:
         again = client.until("accepted")["utterance"]
         assert client.until("speak_ended", utterance=again)["reason"] == "done"
         assert {message["type"] for message in client.told} == {"accepted", "speak_started", "word", "speak_ended"}
+
+
+def pcm(rate: int) -> bytes:
+    """A buzz that says "papa, papa", 16-bit."""
+    speech = MockEngine().speak("papa, papa, papa")
+    samples = soxr.resample(speech.samples, speech.rate, rate)
+    return (samples * 32767).astype("<i2").tobytes()
+
+
+@pytest.mark.parametrize("rate", [16_000, 24_000, 48_000])
+def test_sound_is_spoken_while_it_is_being_made(talk: Open, rate: int) -> None:
+    sound = pcm(rate)
+    with talk("?types=speak_started,speak_ended,viseme") as client:
+        client.send("audio", rate=rate)
+        utterance = client.until("accepted")["utterance"]
+        chunk = rate // 50 * 2  # 20 ms
+        for at in range(0, len(sound), chunk):
+            client.connection.send(sound[at : at + chunk])
+        client.until("speak_started")  # though it has not ended
+        client.send("end")
+        ended = client.until("speak_ended")
+        assert (ended["utterance"], ended["reason"]) == (utterance, "done")
+        started = client.named("speak_started")[0]
+        seconds = len(sound) / 2 / rate
+        assert seconds <= ended["media_time"] - started["media_time"] < seconds + 5
+        assert client.named("problem") == []
+        assert {viseme["phone"] for viseme in client.named("viseme")} > {"SIL"}
+
+
+def test_sound_with_its_transcript_has_words(talk: Open) -> None:
+    speech = HibariEngine().speak("My father bought five big boxes.")
+    sound = (speech.samples * 32767).astype("<i2").tobytes()
+    with talk("?types=speak_ended,word") as client:
+        client.send("audio", rate=24_000, transcript="My father bought five big boxes.")
+        for at in range(0, len(sound), 4800):
+            client.connection.send(sound[at : at + 4800])
+        client.send("end")
+        assert client.until("speak_ended")["reason"] == "done"
+        words = [word["text"] for word in client.named("word")]
+        assert set(words) <= {"My", "father", "bought", "five", "big", "boxes."}
+        assert len(words) >= 4
+
+
+def test_sound_can_be_interrupted_and_what_still_comes_of_it_is_no_mistake(talk: Open) -> None:
+    sound = pcm(16_000)
+    with talk("?types=speak_started,speak_ended") as client:
+        client.send("audio", rate=16_000)
+        for _ in range(5):
+            client.connection.send(sound)
+        client.until("speak_started")
+        client.send("interrupt")
+        for _ in range(100):
+            client.connection.send(sound[:640])
+        assert client.until("speak_ended")["reason"] == "interrupted"
+        client.send("say", text="Fine.")
+        client.until("accepted")
+        client.until("speak_ended")
+        assert client.named("problem") == []
+
+
+def test_wrong_sound_is_explained(talk: Open) -> None:
+    with talk("?types=speak_ended") as client:
+        client.send("audio", rate=16_000)
+        client.until("accepted")
+        client.connection.send(b"\x00\x00\x00")  # half a sample too many
+        assert client.until("problem")["status"] == 422
+        client.send("text", text="And words.")
+        assert client.until("problem")["field"] == "type"
+        client.send("audio", rate=16_000)
+        assert client.until("problem")["field"] == "type"
+        for _ in range(14):  # 70 seconds at once
+            client.connection.send(bytes(2 * 16_000 * 5))
+        assert client.until("problem")["problem"] == "/problems/over-capacity"
+        client.send("interrupt")
+        assert client.until("speak_ended")["reason"] == "interrupted"
 
 
 def test_whole_texts_can_be_said_too(talk: Open) -> None:
