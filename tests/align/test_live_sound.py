@@ -10,8 +10,9 @@ import soxr
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from app.align.ear import CUSHION, LONGEST, LOOK, OUT_RATE, STEP
 from app.align.hama import HamaRecogniser
-from app.align.live_sound import CUSHION, LONGEST, LOOK, OUT_RATE, RATES, STEP, LiveSound
+from app.align.live_sound import RATES, LiveSound
 from app.align.mock_recogniser import MockRecogniser
 from app.align.recogniser import Samples
 from app.errors import Gone, InputError, OverCapacity, RecognitionFailed
