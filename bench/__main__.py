@@ -19,6 +19,7 @@ BENCHES = {
     "sync": "a minute of speech: where its tracks end",
     "seams": "idle clip to live picture and back in Chromium: phase, standstill, jumps; stop() to a closed mouth",
     "latency": "Enter to the first live frame in Chromium, 10 and 300 words",
+    "conversation": "live text, word events and interruptions, as a viewer over HTTP-FLV gets them",
 }
 
 
