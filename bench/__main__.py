@@ -20,6 +20,7 @@ BENCHES = {
     "seams": "idle clip to live picture and back in Chromium: phase, standstill, jumps; stop() to a closed mouth",
     "latency": "Enter to the first live frame in Chromium, 10 and 300 words",
     "conversation": "live text, word events and interruptions, as a viewer over HTTP-FLV gets them",
+    "session": "MARY_BENCH_MINUTES (10) of talk and three viewers: offset of sound and picture, memory",
 }
 
 
