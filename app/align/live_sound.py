@@ -1,10 +1,10 @@
 """Sound in the making, and the speech of it: lips that follow a microphone or another program's voice.
 
 Sound is handed on in pieces of `STEP` seconds (`app.align.ear`), whatever they cut. A piece is handed on when `LOOK`
-seconds after it have been heard, because a phone is only known when it is over; `LEFT` seconds before it are listened to
-once more each time. The first piece waits for `CUSHION` seconds more: pieces that came at the last moment would come too
-late when the machine is busy. So what is pushed leaves after STEP + LOOK + CUSHION = 0.54 s at the latest, and some time
-for the work (0.05 s), as long as sound is pushed at the pace of time. Sound is neither lost nor changed in order.
+seconds after it have been heard, because a phone is only known when it is over; `LEFT` seconds before it are listened
+to once more each time. The first piece waits for `CUSHION` seconds more: pieces that came at the last moment would come
+too late when the machine is busy. So what is pushed leaves after STEP + LOOK + CUSHION = 0.54 s at the latest, and some
+time for the work (0.05 s), as long as sound is pushed at the pace of time. Sound is neither lost nor changed in order.
 """
 
 from __future__ import annotations
