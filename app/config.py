@@ -21,6 +21,8 @@ Preset = Literal[
 ]
 """x264's presets, from quick to thorough."""
 
+_RTMP = r"^(rtmps?://[^\s/]+/[^\s?]+)?$"
+
 INSTALLED = Path(__file__).resolve().parent.parent / "config.yaml"
 """The settings of the repository that the package is installed from."""
 
@@ -137,6 +139,17 @@ class WebrtcSettings(_Section):
         return range(first, last + 1)
 
 
+class PushSettings(_Section):
+    rtmp: str = Field(default="", pattern=_RTMP)
+    rtmp_play: str = Field(default="", pattern=_RTMP)
+    hosts: list[str] = []
+    max: int = Field(default=16, gt=0)
+    stall_seconds: float = Field(default=5.0, gt=0)
+    retry_seconds: float = Field(default=1.0, gt=0)
+    retry_max_seconds: float = Field(default=30.0, gt=0)
+    give_up_seconds: float = Field(default=300.0, ge=0)
+
+
 class RenderSettings(_Section):
     preset: Preset = "medium"
     crf: float = Field(default=16, ge=0, le=51)
@@ -164,6 +177,7 @@ class Settings(BaseSettings):
     engine: EngineSettings = EngineSettings()
     stream: StreamSettings = StreamSettings()
     webrtc: WebrtcSettings = WebrtcSettings()
+    push: PushSettings = PushSettings()
     render: RenderSettings = RenderSettings()
     limits: LimitSettings = LimitSettings()
 

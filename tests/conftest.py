@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from rtmp_server import RtmpServer
 
 ROOT = Path(__file__).resolve().parent.parent
 START_SECONDS = 90  # compiled loops are compiled once, by whoever comes first
@@ -111,6 +112,17 @@ class Answer:
 
     def json(self) -> Any:
         return json.loads(self.body)
+
+
+@pytest.fixture
+def rtmp_server(tmp_path: Path) -> Iterator[RtmpServer]:
+    """A real nginx with its RTMP module, not started yet."""
+    reason = RtmpServer.missing()
+    if reason:
+        pytest.fail(reason) if os.environ.get("CI") else pytest.skip(reason)
+    server = RtmpServer(tmp_path / "nginx")
+    yield server
+    server.kill()
 
 
 Curl = Callable[..., Answer]

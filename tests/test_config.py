@@ -100,6 +100,7 @@ def test_without_a_file_here_that_of_the_repository_is_used(tmp_path: Path, monk
         ("stream: [1, 2]", "stream", "valid"),
         ("stream: {preset: fastest}", "stream.preset", "'fastest'"),
         ("render: {preset: fastest}", "render.preset", "'veryslow'"),
+        ("push: {rtmp: localhost/live}", "push.rtmp", "match pattern"),
         ("webrtc: {ice_servers: [{url: x}]}", "webrtc.ice_servers.0.urls", "required"),
         ("webrtc: {ice_servers: [{urls: 'http://x'}]}", "webrtc.ice_servers.0.urls.0", "http://x"),
         ("webrtc: {ice_servers: [{urls: 'turn:x>'}]}", "webrtc.ice_servers.0.urls.0", "turn:x>"),

@@ -1,4 +1,4 @@
-"""Who watches a stream: viewers over HTTP and over WebRTC."""
+"""Who watches a stream: viewers over HTTP and over WebRTC, and servers to which it is pushed."""
 
 from __future__ import annotations
 
@@ -12,10 +12,12 @@ from app.errors import NotFound
 from app.stream import whep
 from app.stream.broadcast import Broadcast
 from app.stream.container import FORMATS, Format
-from app.stream.encoder import AacEncoder, VideoEncoder
+from app.stream.encoder import AacEncoder, OpusEncoder, VideoEncoder
 from app.stream.ice import IceOptions
 from app.stream.mux import LiveMuxer
 from app.stream.packet import Packet
+from app.stream.push import PushReport
+from app.stream.pushes import Pushes
 from app.stream.seats import Seats
 
 JOIN_SECONDS = 0.5
@@ -29,30 +31,37 @@ class Audience:
 
     Args:
         broadcast: what they watch.
-        video, audio: the encoders its packets are from.
+        video, aac, opus: the encoders its packets are from.
         settings: of the service.
         seats: for all viewers of the stream.
         webrtc_seats: for the WebRTC viewers of all streams.
+        push_seats: for the pushes of all streams.
         on_change: somebody has connected or gone.
+        on_push: the state of a push has changed.
         idle_over_webrtc: WebRTC viewers get the idle pictures, too.
 
     Attributes:
         arrived: somebody has been connected, now or earlier.
+        pushes: the servers to which the stream is pushed.
     """
 
     def __init__(
         self,
         broadcast: Broadcast[Packet],
         video: VideoEncoder,
-        audio: AacEncoder,
+        aac: AacEncoder,
+        opus: OpusEncoder,
         settings: Settings,
         seats: Seats,
         webrtc_seats: Seats,
+        push_seats: Seats,
         on_change: Callable[[], None],
+        on_push: Callable[[PushReport], None],
         *,
         idle_over_webrtc: bool,
     ) -> None:
         self.arrived = False
+        self.pushes = Pushes(broadcast, video, aac, opus, settings.push, push_seats, self._push_changed)
         self._idle_over_webrtc = idle_over_webrtc
         self._broadcast = broadcast
         self._video = video
@@ -60,10 +69,11 @@ class Audience:
         self._seats = seats
         self._webrtc_seats = webrtc_seats
         self._on_change = on_change
+        self._on_push = on_push
         self._loop = asyncio.get_running_loop()
         self._watching: dict[Format, int] = dict.fromkeys(FORMATS, 0)
         self._muxers = {
-            format: LiveMuxer(format, broadcast, video, audio, queue_seconds=settings.stream.queue_seconds)
+            format: LiveMuxer(format, broadcast, video, aac, queue_seconds=settings.stream.queue_seconds)
             for format in FORMATS
         }
         self._peers: dict[str, whep.WhepViewer] = {}
@@ -72,32 +82,29 @@ class Audience:
         self._fresh = asyncio.Event()  # a picture to start from has been published since the stream last slept
 
     @property
-    def over_http(self) -> bool:
-        """Somebody needs AAC."""
-        return any(self._watching.values())
+    def needs_aac(self) -> bool:
+        """Somebody connected hears AAC."""
+        return any(self._watching.values()) or self.pushes.count()["rtmp"] > 0
 
     @property
-    def over_webrtc(self) -> bool:
-        """Somebody needs Opus."""
-        return bool(self._receiving)
+    def needs_opus(self) -> bool:
+        """Somebody connected hears Opus."""
+        return bool(self._receiving) or self.pushes.count()["whip"] > 0
 
     @property
     def present(self) -> bool:
         """Somebody is connected."""
-        return self.over_http or self.over_webrtc
+        return self.needs_aac or self.needs_opus
 
     @property
     def expected(self) -> bool:
         """Somebody is connected or about to be."""
-        return self.over_http or bool(self._peers)
+        return self.present or bool(self._peers) or self.pushes.expected
 
     def count(self) -> dict[str, int]:
-        """Connected viewers by transport: whep, flv, mp4."""
-        return {
-            "whep": len(self._receiving),
-            "flv": self._watching["flv"],
-            "mp4": self._watching["mp4"],
-        }
+        """Who is connected, by transport."""
+        over_http = {str(format): viewers for format, viewers in self._watching.items()}
+        return {"whep": len(self._receiving), **over_http, **self.pushes.count()}
 
     def watch(self, format: Format) -> AsyncIterator[bytes]:
         """A viewer over HTTP, from the first iteration until this generator is closed.
@@ -183,11 +190,14 @@ class Audience:
         return peer
 
     async def close(self, grace: float = 0.0) -> None:
-        """Disconnect the WebRTC viewers. Those over HTTP end with the broadcast, after what is queued for them.
+        """Disconnect all but those over HTTP, who end with the broadcast, after what is queued for them.
 
         Args:
             grace: seconds in which they may play out; they go by themselves when the broadcast is closed.
         """
+        await asyncio.gather(self._close_peers(grace), self.pushes.close(grace))
+
+    async def _close_peers(self, grace: float) -> None:
         if self._peers and grace:
             with contextlib.suppress(TimeoutError):
                 async with asyncio.timeout(grace):
@@ -214,6 +224,13 @@ class Audience:
         if peer.id in self._peers and peer.id not in self._receiving:
             self._receiving.add(peer.id)
             self._joined()
+
+    def _push_changed(self, push: PushReport) -> None:
+        self._on_push(push)
+        if push.state == "live":
+            self._joined()
+        else:
+            self._on_change()
 
     def _left(self, peer: whep.WhepViewer) -> None:
         self._peers.pop(peer.id, None)

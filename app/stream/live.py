@@ -20,6 +20,8 @@ from app.stream.clock import FPS
 from app.stream.container import FORMATS, Format
 from app.stream.events import EVENT_NAMES, Event, EventBoard
 from app.stream.production import Production, StreamOptions, StreamState
+from app.stream.push import PushReport
+from app.stream.push_target import PushTarget
 from app.stream.seats import Seats
 from app.stream.timeline import IdlePhase
 from app.stream.timing import LatencyLog, LoggedUtterance
@@ -44,6 +46,7 @@ class StreamReport:
     avatar: str
     voice: str
     viewers: dict[str, int]
+    pushes: tuple[PushReport, ...]
     utterances: tuple[UtteranceReport, ...]
     rendered: int
     dropped: int
@@ -67,6 +70,7 @@ class LiveStream:
         options: see there.
         phase: where the page's idle clip is, if it shows one.
         webrtc_seats: for the WebRTC viewers of all streams; by default this one has its own.
+        push_seats: for the pushes of all streams; by default this one has its own.
 
     Attributes:
         id: 128 random bits.
@@ -87,6 +91,7 @@ class LiveStream:
         options: StreamOptions | None = None,
         phase: IdlePhase | None = None,
         webrtc_seats: Seats | None = None,
+        push_seats: Seats | None = None,
     ) -> None:
         self.id = secrets.token_urlsafe(16)
         self.voice = voice
@@ -97,6 +102,7 @@ class LiveStream:
         self._latency = latency
         self._avatar_id = avatar.manifest.id
         self._frames = (0, 0)  # rendered and dropped, at the end
+        self._pushes: tuple[PushReport, ...] = ()  # at the end
         self._said = Utterances()
         self._captions = Captions()
         seats = Seats(settings.stream.max_viewers, "viewers of this stream")
@@ -113,6 +119,7 @@ class LiveStream:
             phase=phase,
             seats=seats,
             webrtc_seats=webrtc_seats or Seats(settings.webrtc.max_viewers, "WebRTC viewers"),
+            push_seats=push_seats or Seats(settings.push.max, "pushes"),
         )
         self._ending = False
         loop = asyncio.get_running_loop()
@@ -237,6 +244,25 @@ class LiveStream:
             raise NotFound(f"no viewer {viewer}")
         return self._production.audience.peer(viewer)
 
+    def push(self, target: PushTarget) -> PushReport:
+        """Begin to push the stream to a server; returns at once.
+
+        Raises:
+            Gone: the stream has ended.
+            OverCapacity: there are too many pushes.
+        """
+        return self._living().audience.pushes.start(target)
+
+    async def end_push(self, push: str) -> None:
+        """End a push.
+
+        Raises:
+            NotFound: no such push.
+        """
+        if self._production is None:
+            raise NotFound(f"no push {push}")
+        await self._production.audience.pushes.end(push)
+
     def events(self, names: Collection[str] = EVENT_NAMES) -> AsyncIterator[Event]:
         """What happens from the first iteration on; ends with the stream.
 
@@ -287,7 +313,10 @@ class LiveStream:
             self.state,
             self._avatar_id,
             self.voice,
-            production.audience.count() if production is not None else dict.fromkeys(("whep", *FORMATS), 0),
+            production.audience.count()
+            if production is not None
+            else dict.fromkeys(("whep", *FORMATS, "rtmp", "whip"), 0),
+            production.audience.pushes.reports() if production is not None else self._pushes,
             self._said.reports(),
             rendered,
             dropped,
@@ -335,6 +364,7 @@ class LiveStream:
         finally:
             self._ending = True
             self._frames = production.rendered, production.dropped
+            self._pushes = production.audience.pushes.reports()
             self._production = None
             self.ended_at = time.monotonic()
 

@@ -22,6 +22,7 @@ from app.stream.film import Film
 from app.stream.packet import Packet
 from app.stream.pieces import pieces
 from app.stream.program import Program
+from app.stream.push import PushReport
 from app.stream.seats import Seats
 from app.stream.soundtrack import Samples
 from app.stream.timeline import IdlePhase, Timeline
@@ -73,6 +74,7 @@ class Production:
         phase: where the page's idle clip is, if it shows one.
         seats: for the viewers.
         webrtc_seats: for the WebRTC viewers of all streams.
+        push_seats: for the pushes of all streams.
 
     Attributes:
         state: "waiting" for the first viewer or for sound, "speaking", "idle" or "ended".
@@ -95,6 +97,7 @@ class Production:
         phase: IdlePhase | None,
         seats: Seats,
         webrtc_seats: Seats,
+        push_seats: Seats,
     ) -> None:
         manifest, stream, engine = avatar.manifest, settings.stream, settings.engine
         if manifest.fps != FPS:
@@ -124,10 +127,13 @@ class Production:
             self._broadcast,
             self._video,
             self._aac,
+            self._opus,
             settings,
             seats,
             webrtc_seats,
+            push_seats,
             self._audience_changed,
+            self._push_changed,
             idle_over_webrtc=options.idle == "stream",
         )
         self.program = Program(
@@ -246,12 +252,17 @@ class Production:
             current = program.current
             if current is not None and current.end is None:
                 timeline.fill(now, current)
-            elif audience.present and self._options.idle == "stream" and not self._finale:
+            elif audience.present and self._idles_visibly and not self._finale:
                 timeline.fill(now, None)
             for position, block in timeline.sound(now):
                 self._send_sound(position, block)
         program.finish_files(self._film.passed)
         self._update_state()
+
+    @property
+    def _idles_visibly(self) -> bool:
+        # A page may show its own clip, a server to which the stream is pushed cannot.
+        return self._options.idle == "stream" or self.audience.pushes.live
 
     @property
     def _finale(self) -> bool:
@@ -273,10 +284,10 @@ class Production:
 
     def _send_sound(self, position: int, block: Samples) -> None:
         # A format is encoded only if somebody needs it.
-        if self.audience.over_webrtc:
+        if self.audience.needs_opus:
             for packet in self._opus.encode(block, position):
                 self._broadcast.publish(packet)
-        if self.audience.over_http or self.program.recording:
+        if self.audience.needs_aac or self.program.recording:
             for packet in self._aac.encode(block, position):
                 self._broadcast.publish(packet)
                 self.program.record(packet)
@@ -290,6 +301,9 @@ class Production:
         if state != self.state:
             self.state = state
             self._events.post(Event("state", {"state": state}))
+
+    def _push_changed(self, push: PushReport) -> None:
+        self._events.post(Event("push", {"id": push.id, "state": push.state, "error": push.error or None}))
 
     def _audience_changed(self) -> None:
         if self.audience.present:

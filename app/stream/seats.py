@@ -21,9 +21,9 @@ class Seats:
         self._limit = limit
         self._what = what
 
-    def check(self) -> None:
-        """Raise OverCapacity if none is free."""
-        if self.taken >= self._limit:
+    def check(self, wanted: int = 1) -> None:
+        """Raise OverCapacity if not so many are free."""
+        if self.taken + wanted > self._limit:
             raise OverCapacity(f"there are {self._limit} {self._what}", advice="Try again when one has gone.")
 
     @contextmanager

@@ -8,6 +8,7 @@ import logging
 import shutil
 import tempfile
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
@@ -15,6 +16,7 @@ from app.config import Settings
 from app.engine.pool import OrderedPool
 from app.errors import NotFound, OverCapacity
 from app.stream.live import LiveStream, StreamOptions
+from app.stream.push_target import PushTarget
 from app.stream.seats import Seats
 from app.stream.timeline import IdlePhase
 from app.stream.timing import LatencyLog
@@ -51,6 +53,7 @@ class Streams:
         self._narrator = narrator
         self._pool = pool
         self._webrtc_seats = Seats(settings.webrtc.max_viewers, "WebRTC viewers")
+        self._push_seats = Seats(settings.push.max, "pushes")
         self._streams: dict[str, LiveStream] = {}
         self._folder = Path(tempfile.mkdtemp(prefix="mary-streams-"))
         self._reaper: asyncio.Task[None] | None = None
@@ -69,12 +72,14 @@ class Streams:
         voice: str,
         options: StreamOptions | None = None,
         phase: IdlePhase | None = None,
+        pushes: Sequence[PushTarget] = (),
     ) -> LiveStream:
-        """Start a stream (see `LiveStream`); on the event loop.
+        """Start a stream (see `LiveStream`) and push it to these targets; on the event loop.
 
         Raises:
-            OverCapacity: `stream.max_streams` are running.
+            OverCapacity: `stream.max_streams` are running, or with these more than `push.max` pushes.
         """
+        self._push_seats.check(len(pushes))
         if self.running >= self._settings.stream.max_streams:
             raise OverCapacity(
                 f"{self._settings.stream.max_streams} streams are running", advice="Try again when one has ended."
@@ -92,8 +97,11 @@ class Streams:
             options=options or StreamOptions(),
             phase=phase,
             webrtc_seats=self._webrtc_seats,
+            push_seats=self._push_seats,
         )
         self._streams[stream.id] = stream
+        for target in pushes:
+            stream.push(target)
         return stream
 
     @property

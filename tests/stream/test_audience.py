@@ -110,7 +110,7 @@ async def test_speech_waits_until_webrtc_is_connected_and_is_seen_and_heard_whol
     utterance = stream.say("0.4 0.4")
     browser, viewer = await join(stream)
     await until(lambda: utterance.state == "done")
-    assert stream.report().viewers == {"whep": 1, "flv": 0, "mp4": 0}
+    assert stream.report().viewers == {"whep": 1, "flv": 0, "mp4": 0, "rtmp": 0, "whip": 0}
     assert utterance.timings.milliseconds()["viewer"] > 0
     await until(lambda: opened(browser) == 2 and browser.upper[-1] < 60)
     assert max(browser.loudness) > 5000
@@ -139,12 +139,12 @@ async def test_viewers_of_all_transports_at_once(make: Any) -> None:
     for each in chunks:
         await anext(each)
     browser, _ = await join(stream)
-    await until(lambda: stream.report().viewers == {"whep": 1, "flv": 1, "mp4": 1})
+    await until(lambda: stream.report().viewers == {"whep": 1, "flv": 1, "mp4": 1, "rtmp": 0, "whip": 0})
     utterance = stream.say("0.3")
     await until(lambda: utterance.state == "done" and opened(browser) == 1)
     for each in chunks:
         await each.aclose()
-    assert stream.report().viewers == {"whep": 1, "flv": 0, "mp4": 0}
+    assert stream.report().viewers == {"whep": 1, "flv": 0, "mp4": 0, "rtmp": 0, "whip": 0}
     await browser.close()
 
 

@@ -340,7 +340,7 @@ async def test_a_late_joiner_sees_a_whole_picture_at_once(stage: Any) -> None:
     await until(lambda: live.stream.report().rendered > 35)
     late, other = live.view("flv"), live.view("mp4")
     await until(lambda: utterance.state == "done")
-    assert live.stream.report().viewers == {"whep": 0, "flv": 2, "mp4": 1}
+    assert live.stream.report().viewers == {"whep": 0, "flv": 2, "mp4": 1, "rtmp": 0, "whip": 0}
     await live.stream.end()
     first, second, third = decode(early), decode(late), decode(other, "mp4")
     for joined in (second, third):
@@ -549,7 +549,7 @@ async def test_viewers_and_listeners_of_a_stream_are_limited(stage: Any) -> None
     early = live.stream.watch("mp4")
     live.view("flv")
     live.view("mp4")
-    await until(lambda: live.stream.report().viewers == {"whep": 0, "flv": 1, "mp4": 1})
+    await until(lambda: live.stream.report().viewers == {"whep": 0, "flv": 1, "mp4": 1, "rtmp": 0, "whip": 0})
     for refused in (lambda: live.stream.watch("flv"), lambda: live.stream.watch("mp4"), live.stream.events):
         with pytest.raises(OverCapacity, match="3 viewers of this stream"):
             refused()

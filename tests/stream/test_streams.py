@@ -131,7 +131,7 @@ async def test_of_an_ended_stream_only_its_record_is_kept(pool: OrderedPool) -> 
         await until(let_go)
         report = stream.report()
         assert (report.id, report.state, report.avatar, report.voice) == (stream.id, "ended", "tiny", "buzz")
-        assert report.viewers == {"whep": 0, "flv": 0, "mp4": 0}
+        assert report.viewers == {"whep": 0, "flv": 0, "mp4": 0, "rtmp": 0, "whip": 0}
         assert report.rendered > 10
         assert [each.state for each in report.utterances] == ["done"]
         assert stream.video(utterance.id).exists()
