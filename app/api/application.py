@@ -16,6 +16,7 @@ from app.api import (
     live,
     page,
     problems,
+    pushes,
     recordings,
     render,
     streams,
@@ -69,7 +70,7 @@ def create_app(settings: Settings) -> FastAPI:
     problems.install(app)
     app.include_router(recordings.forms)  # before the routes at the same addresses that take JSON
     for part in (
-        recordings, streams, live, whep, conversation, render, catalogue, latency, health, problems, page,
+        recordings, streams, live, whep, pushes, conversation, render, catalogue, latency, health, problems, page,
     ):  # fmt: skip
         app.include_router(part.router)
     page.mount(app)

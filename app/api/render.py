@@ -14,9 +14,9 @@ from fastapi import APIRouter, Depends, Request
 from fastapi.responses import FileResponse, Response
 from starlette.types import Receive, Scope, Send
 
+from app.api.bodies import takes_json
 from app.api.schemas import RenderRequest
 from app.api.service import LoadedService, Service
-from app.api.streams import takes_json
 from app.api.threads import in_thread
 from app.engine.avatar import Avatar
 from app.errors import OverCapacity

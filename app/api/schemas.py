@@ -15,6 +15,8 @@ def _whole(text: str) -> str:
 
 Text = Annotated[str, AfterValidator(_whole), Field(description="What to say, in English.", examples=["Hello, world."])]
 Name = Annotated[str, AfterValidator(_whole), Field(min_length=1, max_length=200)]
+Url = Annotated[str, AfterValidator(_whole), Field(min_length=1)]
+Token = Annotated[str, AfterValidator(_whole), Field(min_length=1, description="Bearer token of the WHIP server.")]
 Speed = Annotated[float, Field(ge=0.5, le=2.0, allow_inf_nan=False, description="1 is the voice's own pace.")]
 
 
@@ -48,6 +50,19 @@ class StreamRequest(Request):
     )
     once: bool = Field(default=False, description="The stream ends by itself when everything is said.")
     phase: Phase | None = None
+    transport: Literal["rtmp"] | None = Field(
+        default=None, description="rtmp: push the stream to the service's RTMP server; urls.rtmp is where it plays."
+    )
+    rtmp_url: Url | None = Field(default=None, description="Push the stream to this RTMP server: rtmp://host/app/key")
+    whip_url: Url | None = Field(default=None, description="Push the stream to this WHIP server: https://host/whip")
+    whip_token: Token | None = None
+
+
+class PushRequest(Request):
+    """A server to push a stream to."""
+
+    url: Url = Field(description="rtmp://host/app/key, or https://host/whip for WHIP.")
+    token: Token | None = None
 
 
 class SayRequest(Request):
@@ -124,7 +139,7 @@ class Said(BaseModel):
 
 
 class Urls(BaseModel):
-    """Where a stream is, as absolute paths."""
+    """Where a stream is, as absolute paths; `rtmp` is a whole URL, if it is pushed to the service's own server."""
 
     self: str
     whep: str
@@ -134,6 +149,7 @@ class Urls(BaseModel):
     captions: str
     events: str
     ws: str
+    rtmp: str | None = Field(default=None, exclude_if=lambda url: url is None)
 
 
 class IdleClip(BaseModel):
@@ -146,6 +162,17 @@ class IdleClip(BaseModel):
     height: int
 
 
+class PushEntry(BaseModel):
+    """A push to a server: `target` is its URL without credentials, `error` the last one that still matters."""
+
+    id: str
+    kind: Literal["rtmp", "whip"]
+    target: str
+    state: Literal["connecting", "live", "retrying", "failed", "ended"]
+    error: str | None
+    retries: int
+
+
 class StreamCreated(BaseModel):
     """A new stream and everything needed to watch it."""
 
@@ -154,6 +181,7 @@ class StreamCreated(BaseModel):
     avatar: str
     voice: str
     urls: Urls
+    pushes: list[PushEntry]
     utterance: Said | None
     idle: IdleClip
     server_time_ms: float
@@ -188,11 +216,13 @@ class RecordingAccepted(BaseModel):
 
 
 class Viewers(BaseModel):
-    """How many watch, by transport."""
+    """How many watch, by transport; `rtmp` and `whip` are servers to which the stream is pushed."""
 
     whep: int
     flv: int
     mp4: int
+    rtmp: int
+    whip: int
 
 
 class MediaTimes(BaseModel):
@@ -230,6 +260,7 @@ class StreamReport(BaseModel):
     avatar: str
     voice: str
     viewers: Viewers
+    pushes: list[PushEntry]
     utterances: list[UtteranceReport]
     frames: Frames
     server_time_ms: float

@@ -5,9 +5,10 @@ from __future__ import annotations
 import time
 from typing import Annotated
 
-from fastapi import APIRouter, Body, Depends, Request, Response
-from starlette.exceptions import HTTPException
+from fastapi import APIRouter, Body, Depends, Response
 
+from app.api.bodies import takes_json
+from app.api.pushes import entries, targets
 from app.api.schemas import (
     Frames,
     IdleClip,
@@ -30,19 +31,6 @@ from app.stream.timeline import IdlePhase
 from app.stream.utterance import Utterance
 from app.tts.narrate import plan
 
-
-async def takes_json(request: Request) -> None:
-    """Refuse bodies that are not called JSON, which a foreign page could send without asking."""
-    content_type = request.headers.get("content-type", "")
-    kind = content_type.partition(";")[0].strip().lower()
-    empty = request.headers.get("content-length", "0") == "0" and "transfer-encoding" not in request.headers
-    if kind == "application/json" or (empty and not kind):
-        return
-    raise HTTPException(
-        415, f"the body must have the content type application/json, not {kind or 'none'} (curl: --json '{{…}}')"
-    )
-
-
 router = APIRouter(prefix="/v1/streams", tags=["streams"])
 _JSON = [Depends(takes_json)]
 
@@ -58,11 +46,13 @@ async def create(
         plan(order.text)
     avatar = await service.avatar(order.avatar)
     voice = service.voice(order.voice, avatar)
+    pushes, rtmp = targets(order, service.settings.push)
     stream = service.streams.create(
         avatar,
         voice=voice.id,
         options=StreamOptions(start=order.start, idle=order.idle, once=order.once),
         phase=_phase(order.phase),
+        pushes=pushes,
     )
     utterance = None
     if order.text is not None:
@@ -84,7 +74,9 @@ async def create(
             captions=f"{here}/captions.vtt",
             events=f"{here}/events",
             ws=f"{here}/ws",
+            rtmp=rtmp,
         ),
+        pushes=entries(stream.report().pushes),
         utterance=_said(utterance) if utterance else None,
         idle=IdleClip(
             url=f"/v1/avatars/{manifest.id}/idle.mp4",
@@ -154,6 +146,7 @@ def _report(stream: LiveStream) -> StreamReport:
         avatar=report.avatar,
         voice=report.voice,
         viewers=Viewers(**report.viewers),
+        pushes=entries(report.pushes),
         utterances=[
             UtteranceReport(
                 id=utterance.id,

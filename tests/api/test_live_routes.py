@@ -110,7 +110,7 @@ def test_head_does_not_make_a_viewer(server: str, curl) -> None:
         assert answer.headers["content-type"] == content_type
     report = curl(server + made["urls"]["self"]).json()
     assert report["state"] == "waiting"
-    assert report["viewers"] == {"whep": 0, "flv": 0, "mp4": 0}
+    assert report["viewers"] == {"whep": 0, "flv": 0, "mp4": 0, "rtmp": 0, "whip": 0}
     curl(server + made["urls"]["self"], "--request", "DELETE")
 
 
@@ -122,13 +122,13 @@ def test_viewers_are_counted_and_let_go(server: str, curl, curl_program: str) ->
         for format in ("flv", "flv", "mp4")
     ]
     give_up = time.monotonic() + 20
-    while curl(here).json()["viewers"] != {"whep": 0, "flv": 2, "mp4": 1}:
+    while curl(here).json()["viewers"] != {"whep": 0, "flv": 2, "mp4": 1, "rtmp": 0, "whip": 0}:
         assert time.monotonic() < give_up
         time.sleep(0.05)
     for viewer in viewers:
         viewer.terminate()
         viewer.wait(10)
-    while curl(here).json()["viewers"] != {"whep": 0, "flv": 0, "mp4": 0}:
+    while curl(here).json()["viewers"] != {"whep": 0, "flv": 0, "mp4": 0, "rtmp": 0, "whip": 0}:
         assert time.monotonic() < give_up
         time.sleep(0.05)
     curl(here, "--request", "DELETE")

@@ -43,6 +43,7 @@ def test_a_new_stream_says_where_everything_is(server: str, curl) -> None:
         "events": f"{here}/events",
         "ws": f"{here}/ws",
     }
+    assert made["pushes"] == []
     assert made["avatar"] == "mary"
     assert made["voice"]
     assert made["utterance"]["unread"] == ["🙂"]
@@ -60,7 +61,7 @@ def test_without_a_text_it_idles(server: str, curl) -> None:
         report = curl(server + made["urls"]["self"]).json()
         assert report["state"] == "idle"
         assert report["utterances"] == []
-        assert report["viewers"] == {"whep": 0, "flv": 0, "mp4": 0}
+        assert report["viewers"] == {"whep": 0, "flv": 0, "mp4": 0, "rtmp": 0, "whip": 0}
         assert report["frames"]["dropped"] == 0
         assert report["idle"] == "stream"
         assert abs(report["server_time_ms"] - time.time() * 1000) < 60_000
