@@ -89,7 +89,7 @@ class Publishing:
                 async with asyncio.timeout(2 * self._order.stall_seconds + MARGIN_SECONDS):
                     answer = await self._answer(process)
             if not answer.get("live"):
-                raise self._broken(process, answer)
+                raise await self._broken(process, answer)
             self._live = True
             with self._source.subscribe(self._kinds, backlog=False) as packets:
                 self._subscription = packets
@@ -115,7 +115,7 @@ class Publishing:
         try:
             await asyncio.wait({ended, sending}, return_when=asyncio.FIRST_COMPLETED)
             if not sending.done():
-                raise self._broken(process, ended.result())
+                raise await self._broken(process, ended.result())
             await sending
             await asyncio.wait({ended}, timeout=END_SECONDS)  # it says goodbye to the server
         finally:
@@ -153,8 +153,11 @@ class Publishing:
         await process.wait()
         return {}
 
-    def _broken(self, process: asyncio.subprocess.Process, answer: dict[str, Any]) -> Broken:
+    async def _broken(self, process: asyncio.subprocess.Process, answer: dict[str, Any]) -> Broken:
         if "error" in answer:
+            with contextlib.suppress(TimeoutError):  # a WHIP server is told, if it can be
+                async with asyncio.timeout(END_SECONDS):
+                    await process.wait()
             return Broken(answer["error"], answer["detail"], refused=answer["refused"])
         if process.returncode is None or process.returncode == -signal.SIGALRM:
             done = "taken" if self._live else "answered"

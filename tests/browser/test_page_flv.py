@@ -18,7 +18,7 @@ def test_mary_speaks_over_flv(open_page: Open) -> None:
         choose(page, "flv")
         say(page, SENTENCE)
         page.wait_for_function(f"String(({DECODED})()) === '512,true,true'")
-        assert report_on(page, asked[-1])["viewers"] == {"whep": 0, "flv": 1, "mp4": 0}
+        assert report_on(page, asked[-1])["viewers"] == {"whep": 0, "flv": 1, "mp4": 0, "rtmp": 0, "whip": 0}
         wait_for_state(page, "idle")
         expect(page.locator("#problem")).to_be_hidden()
         assert page.locator("#picture").get_attribute("data-transport") == "flv"
