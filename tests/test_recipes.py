@@ -22,8 +22,13 @@ def test_every_block_belongs_to_a_recipe() -> None:
 
 
 @pytest.mark.parametrize("recipe", RECIPES, ids=[recipe["title"] for recipe in RECIPES])
-def test_a_recipe(server: str, curl_program: str, tmp_path: Path, recipe: dict[str, str]) -> None:  # noqa: ARG001
+@pytest.mark.usefixtures("curl_program")
+def test_a_recipe(server: str, tmp_path: Path, recipe: dict[str, str], request: pytest.FixtureRequest) -> None:
     code = recipe["code"].replace("http://localhost:8080", server)
+    if "rtmp://localhost" in code:
+        elsewhere = request.getfixturevalue("rtmp_server")
+        elsewhere.start()
+        code = code.replace("rtmp://localhost", f"rtmp://{elsewhere.address}")
     interpreter = ["bash", "-euo", "pipefail", "-c"] if recipe["language"] == "sh" else [sys.executable, "-c"]
     done = subprocess.run(
         [*interpreter, code],
