@@ -47,7 +47,7 @@ class RtmpPublication:
                 self._output.start_encoding()
         except Exception as error:
             raise PublishingFailed(explain(error, messages)) from error
-        _bound_sockets(order.stall_seconds)
+        bound_sockets(order.stall_seconds)
 
     def feed(self, source: BinaryIO) -> None:
         """Send packets until the input ends."""
@@ -117,7 +117,7 @@ def _messages(said: list[str]) -> Iterator[None]:
         av.logging.set_level(None)
 
 
-def _bound_sockets(seconds: float) -> None:
+def bound_sockets(seconds: float) -> None:
     """Give up a connection whose other end takes nothing for so long, and keep little for it meanwhile.
 
     A server that has stopped is noticed late otherwise: its kernel and ours take megabytes before a write waits.

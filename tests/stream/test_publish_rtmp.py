@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import socket
+
 import pytest
 
 from app.stream.publication import Failure
-from app.stream.publish_rtmp import explain
+from app.stream.publish_rtmp import SEND_BUFFER, bound_sockets, explain
 
 BROKEN = OSError(5, "Input/output error")
 
@@ -32,3 +34,12 @@ BROKEN = OSError(5, "Input/output error")
 )
 def test_failures_are_told_by_how_far_it_got(error: Exception, messages: list[str], expected: Failure) -> None:
     assert explain(error, messages) == expected
+
+
+def test_connections_that_ffmpeg_opened_do_not_wait_long() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server, socket.create_connection(server.getsockname()) as connection:
+        before = connection.getsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF)
+        bound_sockets(2.5)
+        assert connection.getsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT) == 2500
+        assert connection.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
+        assert connection.getsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF) == 2 * SEND_BUFFER < before
