@@ -10,7 +10,7 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from app.engine.pool import FrameJob, Lane
-from app.stream.clock import BLOCK_SAMPLES, FPS, FRAME_SAMPLES, StreamClock, first_frame_at
+from app.stream.clock import BLOCK_SAMPLES, FPS, FRAME_SAMPLES, SAMPLE_RATE, StreamClock, first_frame_at
 from app.stream.pieces import HISTORY_FRAMES, Articulator, Coefficients, Piece, to_rest
 from app.stream.soundtrack import Samples, Soundtrack
 
@@ -20,6 +20,8 @@ CLOSE_FRAMES = 3
 """How long it takes when speech is cut short: 0.12 s, as before an /m/."""
 JOIN_FRAMES = 5
 """A piece that follows something else than it was made to follow gets there within so many frames."""
+UNHEARD_SECONDS = 0.5
+"""Silence that could not be sent in time is sent late, up to this: gaps in the sound make players stumble."""
 LEAD_SECONDS = 0.05
 """From leaving the server to being shown: how far the background runs ahead of the phase of the page's idle clip."""
 
@@ -112,7 +114,7 @@ class Timeline(Generic[Owner]):
     def begin(self, now: float) -> int:
         """The first frame that can still be chosen; idle frames that wait to be encoded are taken back for it."""
         self._catch_up(now)
-        frame = first_frame_at(self.sent)
+        frame = self._present(now)
         self._take_back(frame)
         return max(frame, self._next)
 
@@ -149,7 +151,7 @@ class Timeline(Generic[Owner]):
             owner: the utterance whose next piece is late, or None when idle.
         """
         self._catch_up(now)
-        frame = max(self._next, first_frame_at(self.sent))
+        frame = max(self._next, self._present(now))
         last = int((now + self._horizon - self.clock.origin) * FPS)
         if frame > last:
             return
@@ -213,8 +215,13 @@ class Timeline(Generic[Owner]):
     def _catch_up(self, now: float) -> None:
         # Nobody has taken sound for a while because nobody listened: the clock went on without us.
         due = self.clock.due_sample(now)
-        if not self._sound.end and due - self.sent > FRAME_SAMPLES:
+        if not self._sound.end and due - self.sent > UNHEARD_SECONDS * SAMPLE_RATE:
             self.sent = due - BLOCK_SAMPLES
+
+    def _present(self, now: float) -> int:
+        # Where nothing is heard, the sound may be behind; pictures need not be.
+        due = self.clock.due_sample(now) - BLOCK_SAMPLES
+        return first_frame_at(self.sent if self._sound.end else max(self.sent, due))
 
     def _take_back(self, frame: int) -> None:
         # Frames from `frame` on were submitted without gaps: gaps only come from time passing.

@@ -207,6 +207,20 @@ def test_time_that_passes_unwatched_is_skipped_and_the_video_starts_anew(bench: 
     assert restarted.payload.loop_frame == 1001 % 50
 
 
+def test_after_a_short_stall_silence_is_sent_without_a_gap_and_speech_begins_now(bench: Bench) -> None:
+    bench.timeline.fill(bench.at(0), None)
+    bench.sound(bench.at(1))
+    now = bench.at(8.2)  # the process stood still for 0.28 s
+    base = bench.timeline.begin(now)
+    assert base == 8  # the one that is due
+    assert bench.timeline.place(piece(0, 5), base, "u", now) == 0
+    blocks = list(bench.timeline.sound(now))
+    assert [position for position, _ in blocks] == [
+        n * BLOCK_SAMPLES for n in range(3, bench.clock.due_sample(now) // BLOCK_SAMPLES)
+    ]
+    assert not np.concatenate([block for _, block in blocks])[: 8 * FRAME_SAMPLES - 3 * BLOCK_SAMPLES].any()
+
+
 def test_the_phase_of_the_pages_clip_holds_from_the_next_start_of_the_video(bench: Bench) -> None:
     bench.timeline.fill(bench.at(0), None)
     bench.timeline.set_phase(IdlePhase(10.5, 5e11))
