@@ -20,7 +20,7 @@ STRANGER = "https://elsewhere.example"
 
 def client_of(*origins: str) -> httpx.AsyncClient:
     app = FastAPI()
-    app.add_middleware(BodyLimit, limit=100)
+    app.add_middleware(BodyLimit, limit=100, form_limit=100)
     app.add_middleware(Envelope)
     app.add_middleware(CrossOrigin, origins=origins)
     problems.install(app)
