@@ -6,6 +6,7 @@ import json
 import os
 import re
 import shutil
+import signal
 import socket
 import subprocess
 import sys
@@ -18,8 +19,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import hypothesis
 import pytest
 from rtmp_server import RtmpServer
+
+hypothesis.settings.register_profile("mary", deadline=None)  # how long something takes is no test's business
+hypothesis.settings.load_profile("mary")
+
+# A shell that runs the tests in the background lets them ignore Ctrl-C, and with them every program they start.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 ROOT = Path(__file__).resolve().parent.parent
 START_SECONDS = 90  # compiled loops are compiled once, by whoever comes first
