@@ -48,5 +48,8 @@ def test_a_recipe(server: str, tmp_path: Path, recipe: dict[str, str], request: 
         with av.open(str(tmp_path / name)) as container:
             assert {stream.type for stream in container.streams} == {"video", "audio"}
             assert sum(1 for _ in container.decode(video=0)) > 10
+    for name in ("events.txt",) if "events.txt" in code else ():
+        told = (tmp_path / name).read_text()
+        assert all(f'"text": "{word}"' in told for word in ("One", "two", "three."))
     for name in re.findall(r"-o ([\w-]+\.vtt)", code):
         assert (tmp_path / name).read_text().startswith("WEBVTT\n\n00:")

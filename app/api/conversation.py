@@ -40,7 +40,7 @@ from app.tts.live_text import LiveText
 MAX_PROBLEMS = 50
 """Messages of one client that may be wrong."""
 
-POLICY_VIOLATION, NORMAL = 1008, 1000  # RFC 6455, 7.4.1
+POLICY_VIOLATION, INTERNAL_ERROR, NORMAL = 1008, 1011, 1000  # RFC 6455, 7.4.1
 
 _log = structlog.get_logger("mary.api")
 
@@ -103,7 +103,11 @@ class Conversation:
         telling = asyncio.create_task(self._tell(names))
         listening = asyncio.create_task(self._listen())
         try:
-            await asyncio.wait({telling, listening}, return_when=asyncio.FIRST_COMPLETED)
+            ended, _ = await asyncio.wait({telling, listening}, return_when=asyncio.FIRST_COMPLETED)
+            for task in ended:
+                if error := task.exception():
+                    _log.error("a conversation failed", error=type(error).__name__)
+                    await self._websocket.close(INTERNAL_ERROR)
         finally:
             for task in (telling, listening):
                 task.cancel()
@@ -212,11 +216,11 @@ class Conversation:
     async def _say(self, message: SayMessage) -> None:
         self._service.check_length(message.text)
         voice = self._service.voice(message.voice, self._stream.avatar).id if message.voice else None
-        if message.interrupt:
-            self._cut()
         utterance = self._stream.say(
             message.text, interrupt=message.interrupt, voice=voice, speed=message.speed, phase=_phase(message.phase)
         )
+        if message.interrupt:
+            self._cut()
         await self._accept(utterance)
 
     async def _begin(self, feed: Feed, script: Script, phase: Phase | None) -> None:

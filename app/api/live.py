@@ -94,7 +94,7 @@ async def events(
     service: LoadedService,
     types: Annotated[str, Query(max_length=200, description="Names of the events wanted, with commas; all.")] = "",
 ) -> EventSourceResponse:
-    """Server-sent events: state, speak_started, word, viseme, speak_ended, error."""
+    """Server-sent events: state, speak_started, word, viseme, speak_ended, push, error."""
     stream = service.streams.get(stream_id)
     names = event_names(types)
     if stream.state == "ended":

@@ -35,7 +35,12 @@ def configure(level: int = logging.INFO) -> None:
         structlog.stdlib.ProcessorFormatter(
             processors=[
                 structlog.stdlib.ProcessorFormatter.remove_processors_meta,
-                structlog.dev.ConsoleRenderer(colors=sys.stderr.isatty(), pad_event_to=0),
+                structlog.dev.ConsoleRenderer(
+                    colors=sys.stderr.isatty(),
+                    pad_event_to=0,
+                    # The other ones print local variables: what was said, keys, passwords.
+                    exception_formatter=structlog.dev.plain_traceback,
+                ),
             ],
             foreign_pre_chain=[*shared, structlog.stdlib.ExtraAdder()],
         )

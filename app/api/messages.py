@@ -86,7 +86,7 @@ def read(text: str) -> Message:
     """
     try:
         content: Any = json.loads(text)
-    except (json.JSONDecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:
         where = f" at character {error.pos}" if isinstance(error, json.JSONDecodeError) else ""
         raise InputError(
             f"the message is not valid JSON{where}", advice='Send {"type": "text", "text": "…"}.'

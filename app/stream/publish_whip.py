@@ -13,7 +13,7 @@ import urllib.request
 from collections.abc import Callable
 from http import HTTPStatus
 from typing import Any, BinaryIO
-from urllib.parse import urljoin
+from urllib.parse import urljoin, urlsplit
 
 from aiortc import RTCConfiguration, RTCPeerConnection, RTCRtpSender, RTCSessionDescription
 
@@ -144,7 +144,9 @@ class WhipPublication:
         with within(seconds), _OPENER.open(request, timeout=seconds) as response:
             location = response.headers.get("Location")
             if method == "POST" and location:
-                self._resource = urljoin(url, location)
+                resource = urljoin(url, location)
+                if urlsplit(resource)[:2] == urlsplit(url)[:2]:  # this server was allowed, not whichever it names
+                    self._resource = resource
             return response.status, response.read(MAX_ANSWER)
 
 

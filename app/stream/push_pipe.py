@@ -8,7 +8,7 @@ from __future__ import annotations
 import base64
 import json
 import struct
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from fractions import Fraction
 from typing import Any, BinaryIO
 
@@ -33,8 +33,8 @@ class PublishOrder:
     """
 
     kind: str
-    url: str
-    token: str
+    url: str = field(repr=False)
+    token: str = field(repr=False)
     head: bytes
     extradata: bytes
     stall_seconds: float

@@ -34,7 +34,7 @@ class PushTarget:
     Attributes:
         kind: by which protocol.
         url: the whole URL, with what is secret in it.
-        shown: the URL without user, password, query and last part of the path, which is the key of most servers.
+        shown: what is no key for any server: scheme and host, for RTMP the application too.
         token: bearer token of a WHIP server, or "".
     """
 
@@ -46,8 +46,10 @@ class PushTarget:
     def hide(self, text: str) -> str:
         """`text` without anything of the target that is not to be shown."""
         parts = urlsplit(self.url)
-        key = parts.path.rpartition("/")[2]
-        secrets = [self.url, self.token, parts.username, parts.password, parts.query, f"{key}?{parts.query}", key]
+        path = parts.path.strip("/")
+        keys = path.partition("/")[2] if self.kind == "rtmp" else path
+        secrets = [self.url, self.token, parts.username, parts.password, parts.query, f"{keys}?{parts.query}", keys]
+        secrets += keys.split("/")
         found = {each for secret in secrets if secret for each in (secret, unquote(secret))}
         for secret in sorted(found, key=len, reverse=True):
             text = text.replace(secret, _HIDDEN)
@@ -106,7 +108,8 @@ def without_credentials(url: str) -> str:
 
 
 def _shown(parts: SplitResult) -> str:
-    return f"{parts.scheme}://{_host(parts)}{parts.path.rpartition('/')[0]}/{_HIDDEN}"
+    application = parts.path.strip("/").partition("/")[0] if parts.scheme.lower().startswith("rtmp") else ""
+    return "/".join(filter(None, [f"{parts.scheme}://{_host(parts)}", application, _HIDDEN]))
 
 
 def _host(parts: SplitResult) -> str:

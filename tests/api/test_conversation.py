@@ -231,6 +231,7 @@ def test_who_hangs_up_has_said_all_there_is(server: str, stream: str, talk: Open
         ("", None),
         ("{", None),
         ("[" * 100_000, None),
+        ('{"type": "say", "text": "x", "n": ' + "9" * 5000 + "}", None),
         ("[]", "type"),
         ("null", "type"),
         ('{"text": "Hi"}', "type"),
@@ -260,6 +261,18 @@ def test_a_wrong_message_is_explained_and_changes_nothing(talk: Open, frame: str
         client.send("say", text="Fine.")
         client.until("accepted")
         assert client.until("speak_ended")["reason"] == "done"
+
+
+def test_a_wrong_interruption_interrupts_nothing(talk: Open) -> None:
+    with talk("?types=speak_started,speak_ended") as client:
+        client.send("text", text="Hello there, my good friend, my")
+        client.until("speak_started")
+        client.send("say", text="\N{SNOWMAN}", interrupt=True)
+        assert client.until("problem")["problem"] == "/problems/nothing-to-say"
+        client.send("text", text=" old friend.")
+        client.send("end")
+        assert client.until("speak_ended")["reason"] == "done"
+        assert len(client.named("accepted")) == 1
 
 
 def test_who_sends_nothing_but_wrong_messages_is_let_go(talk: Open) -> None:

@@ -26,3 +26,20 @@ def test_both_kinds_of_logs_look_alike() -> None:
     assert "plain words" in lines[1]
     assert "warning" in lines[1]
     assert "\x1b" not in "".join(lines), "colours are for terminals"
+
+
+def test_a_traceback_holds_nothing_of_what_was_said() -> None:
+    script = """
+import structlog
+from app.api import logs
+logs.configure()
+def fail(said):
+    raise RuntimeError("broken")
+try:
+    fail("a " + "secret")
+except RuntimeError:
+    structlog.get_logger("mary.x").exception("failed")
+"""
+    told = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stderr
+    assert "RuntimeError: broken" in told
+    assert "a secret" not in told

@@ -10,10 +10,12 @@ from app.stream.push_target import MAX_URL, push_target, without_credentials
     ("url", "kind", "shown"),
     [
         ("rtmp://localhost/live/key", "rtmp", "rtmp://localhost/live/…"),
-        ("rtmp://user:pass@host:1936/live/deep/key?token=x", "rtmp", "rtmp://host:1936/live/deep/…"),
+        ("rtmp://user:pass@host:1936/live/deep/key?token=x", "rtmp", "rtmp://host:1936/live/…"),
+        ("rtmp://localhost/live/key/", "rtmp", "rtmp://localhost/live/…"),
+        ("https://sfu.example.org/SECRET/webRTC/publish", "whip", "https://sfu.example.org/…"),
         ("rtmps://[2001:db8::1]:443/app/key", "rtmp", "rtmps://[2001:db8::1]:443/app/…"),
         ("RTMP://HOST/app/key", "rtmp", "rtmp://HOST/app/…"),
-        ("https://sfu.example.org/whip/room?key=x", "whip", "https://sfu.example.org/whip/…"),
+        ("https://sfu.example.org/whip/room?key=x", "whip", "https://sfu.example.org/…"),
         ("http://127.0.0.1:8889/whip", "whip", "http://127.0.0.1:8889/…"),
     ],
 )
@@ -97,6 +99,9 @@ def test_what_a_server_says_is_shown_without_what_it_repeats() -> None:
     target = push_target("rtmp://user:p%40ss@host/app/secret?token=abc123")
     said = "no stream secret?token=abc123 for user with p@ss (p%40ss), secret"
     assert target.hide(said) == "no stream … for … with … (…), …"
+    target = push_target("https://host/SECRET/webRTC/publish")
+    assert "SECRET" not in target.hide("nothing at /SECRET/webRTC, SECRET, publish")
+    assert "secret" not in push_target("rtmp://host/app/secret/").hide("no stream secret")
 
 
 def test_where_something_plays_has_no_credentials() -> None:
