@@ -106,8 +106,7 @@ def test_a_real_talker_from_end_to_end_interrupted_once(tmp_path: Path, grid_cli
             if "flow" in line:
                 break
         os.killpg(begun.pid, signal.SIGINT)
-        begun.communicate(timeout=60)  # reads on: nobody can end who waits to be read
-        assert begun.returncode != 0
+        assert begun.wait(30) != 0
     assert not output.exists()
     kept = {path.name.split("-")[0] for path in workspace_of(output).iterdir()}
     assert {"alignments", "layout", "survey0"} <= kept

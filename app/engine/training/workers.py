@@ -48,7 +48,9 @@ def in_parallel(
         return
     pool = ProcessPoolExecutor(count, multiprocessing.get_context("spawn"), initializer=_prepare)
     try:
-        for number, result in enumerate(pool.map(work, items)):
+        results = pool.map(work, items)
+        _leave_reading_to_the_workers(pool)
+        for number, result in enumerate(results):
             yield result
             progress((number + 1) / len(items))
     except BrokenProcessPool as error:
@@ -56,7 +58,17 @@ def in_parallel(
             "a process of the training was killed", advice="If memory ran out, give it more or fewer workers."
         ) from error
     finally:
+        _leave_reading_to_the_workers(pool)
         pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _leave_reading_to_the_workers(pool: ProcessPoolExecutor) -> None:
+    """Close this process's copy of the end at which workers read items; to be called when all of them are submitted.
+
+    Where all workers are dead, sending an item then fails. Python 3.11.2, which is Debian's, would otherwise wait for a
+    reader for ever (CPython's issue 94777); later ones do this themselves once they have seen a worker die.
+    """
+    pool._call_queue._reader.close()  # type: ignore[attr-defined]
 
 
 def _prepare() -> None:

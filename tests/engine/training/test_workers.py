@@ -27,6 +27,11 @@ def die(number: int) -> int:
     return number
 
 
+def die_before_reading_on(_: bytes) -> None:
+    time.sleep(0.2)
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
 def fail(number: int) -> int:
     if number == 2:
         raise TrainingStopped(f"number {number} is broken", advice="Mend it.")
@@ -46,6 +51,13 @@ def alive(pid: int) -> bool:
     except ProcessLookupError:
         return False
     return True
+
+
+@pytest.mark.timeout(60)
+def test_items_that_nobody_reads_any_more_hold_up_nothing() -> None:
+    large = [bytes(20_000_000)] * 6  # far more than a pipe holds
+    with pytest.raises(TrainingStopped):
+        list(in_parallel(die_before_reading_on, large, workers=2))
 
 
 def test_results_come_in_the_order_of_the_items() -> None:
