@@ -1,26 +1,59 @@
 from __future__ import annotations
 
+from typing import Protocol, runtime_checkable
+
 import pytest
 
-from app.errors import MissingExtra, NotFound
+from app.errors import ConfigError, MissingExtra, NotFound
 from app.plugins import Plugins
 
-SHELF = Plugins(
-    "kettle", "mary.no-such-group", "kitchen", {"list": ("builtins", "list"), "lost": ("no_such", "Kettle")}
+
+@runtime_checkable
+class Kettle(Protocol):
+    lid: str
+
+    def append(self, what: object) -> None: ...
+
+
+SHELF: Plugins[Kettle] = Plugins(
+    kind="kettle",
+    group="mary.no-such-group",
+    field="kitchen",
+    ours={
+        "kettle": ("types", "SimpleNamespace"),
+        "list": ("builtins", "list"),
+        "lost": ("no_such", "Kettle"),
+        "pan": (__name__, "Pan"),
+    },
+    protocol=Kettle,
+    broken=ConfigError,
 )
 
 
+class Pan:
+    lid = "flat"
+
+    def append(self, what: object) -> None: ...
+
+
 def test_one_of_ours_is_made_anew_each_time() -> None:
-    assert SHELF.make("list") == []
-    assert SHELF.make("list") is not SHELF.make("list")
+    assert SHELF.create("pan").lid == "flat"
+    assert SHELF.create("pan") is not SHELF.create("pan")
+
+
+@pytest.mark.parametrize(("name", "lacks"), [("list", "list lacks lid"), ("kettle", "lacks append, lid")])
+def test_one_that_is_something_else_is_told_what_it_lacks(name: str, lacks: str) -> None:
+    with pytest.raises(ConfigError, match=lacks) as caught:
+        SHELF.create(name)
+    assert "mary.no-such-group" in caught.value.advice
 
 
 def test_an_unknown_name_lists_the_known_ones() -> None:
     with pytest.raises(NotFound, match="no kettle 'pot'") as caught:
-        SHELF.make("pot")
-    assert (caught.value.field, caught.value.advice) == ("kitchen", "Known: list, lost.")
+        SHELF.create("pot")
+    assert (caught.value.field, caught.value.advice) == ("kitchen", "Known: kettle, list, lost, pan.")
 
 
 def test_a_missing_library_is_named() -> None:
     with pytest.raises(MissingExtra, match="kettle lost needs no_such"):
-        SHELF.make("lost")
+        SHELF.create("lost")

@@ -15,20 +15,18 @@ from http import HTTPStatus
 from typing import Any, BinaryIO
 from urllib.parse import urljoin, urlsplit
 
-from aiortc import RTCConfiguration, RTCPeerConnection, RTCRtpSender, RTCSessionDescription
+from aiortc import RTCConfiguration, RTCPeerConnection, RTCSessionDescription
 
 from app.stream.broadcast import Broadcast
 from app.stream.ice import IceOptions, gather_as, usable_candidates
-from app.stream.packet import Kind, Packet
+from app.stream.packet import Packet
 from app.stream.publication import Failure, PublishingFailed, reason, within
 from app.stream.push_pipe import PublishOrder, read_packet
-from app.stream.rtp import PacketTrack, WallClock, attach
+from app.stream.rtp import KINDS, PacketTrack, WallClock, attach, codecs
 
 MAX_ANSWER = 65_536  # bytes
 LINGER_SECONDS = 0.2  # after the last packet, for it to arrive
 CLOSE_SECONDS = 0.5  # for the server to say that it has understood
-
-_KINDS: dict[str, Kind] = {"video": "video", "audio": "opus"}
 
 
 class WhipPublication:
@@ -71,12 +69,12 @@ class WhipPublication:
         self._connected, self._gone, self._over = asyncio.Event(), asyncio.Event(), asyncio.Event()
         clock = WallClock()
         tracks = set()
-        for kind, packets in _KINDS.items():
+        for kind, packets in KINDS.items():
             track = PacketTrack(packets, self._packets, clock, request_keyframe)
             tracks.add(track)
             track.on("ended", lambda track=track: self._track_ended(tracks, track))
             transceiver = self._connection.addTransceiver(track, direction="sendonly")
-            transceiver.setCodecPreferences(_preferred(kind))
+            transceiver.setCodecPreferences(codecs(kind, ("42e01f",)))
             attach(transceiver.sender, track, request_keyframe)
             gather_as(transceiver.sender.transport.transport.iceGatherer._connection, IceOptions(loopback=True))
         await self._connection.setLocalDescription(await self._connection.createOffer())
@@ -165,16 +163,3 @@ def _phrase(status: int) -> str:
         return HTTPStatus(status).phrase
     except ValueError:
         return ""
-
-
-def _preferred(kind: str) -> list[Any]:
-    """Constrained baseline H.264, which is what is sent, and Opus."""
-    codecs = RTCRtpSender.getCapabilities(kind).codecs
-    if kind == "audio":
-        return [codec for codec in codecs if codec.mimeType.lower() == "audio/opus"]
-    h264 = [
-        codec
-        for codec in codecs
-        if codec.mimeType.lower() == "video/h264" and codec.parameters.get("profile-level-id") == "42e01f"
-    ]
-    return h264 + [codec for codec in codecs if codec.mimeType.lower() == "video/rtx"]

@@ -11,16 +11,21 @@ aiortc sends an `av.Packet` that a track returns as it is, with `pts` as RTP tim
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
-from aiortc import MediaStreamTrack
+from aiortc import MediaStreamTrack, RTCRtpSender
 from aiortc.clock import current_ntp_time
 from aiortc.mediastreams import MediaStreamError
 from aiortc.rtp import RtcpSrPacket
 
 from app.stream.broadcast import Broadcast, Subscription
 from app.stream.packet import Kind, Packet
+
+KINDS: dict[str, Kind] = {"video": "video", "audio": "opus"}
+"""Kinds of media of WebRTC, and the packets that are sent as each."""
+PROFILES = ("42e01f", "42001f")
+"""Of H.264, the one that is sent first: constrained baseline, which is decodable as either."""
 
 NTP_SECOND = 1 << 32  # NTP time stamps are 32.32 fixed point
 
@@ -115,6 +120,20 @@ class PacketTrack(MediaStreamTrack):
     def _lost(self) -> None:
         if self._kind == "video":
             self._on_lost()
+
+
+def codecs(kind: str, profiles: Sequence[str] = PROFILES) -> list[Any]:
+    """What can be sent as `kind`, one of `KINDS`, in the order of preference: for `setCodecPreferences`."""
+    known = RTCRtpSender.getCapabilities(kind).codecs
+    if kind == "audio":
+        return [codec for codec in known if codec.mimeType.lower() == "audio/opus"]
+    h264 = [
+        codec
+        for profile in profiles
+        for codec in known
+        if codec.mimeType.lower() == "video/h264" and codec.parameters.get("profile-level-id") == profile
+    ]
+    return h264 + [codec for codec in known if codec.mimeType.lower() == "video/rtx"]
 
 
 def attach(sender: Any, track: PacketTrack, on_keyframe_request: Callable[[], None]) -> None:

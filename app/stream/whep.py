@@ -8,24 +8,22 @@ import secrets
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
-from aiortc import RTCConfiguration, RTCPeerConnection, RTCRtpSender, RTCSessionDescription
+from aiortc import RTCConfiguration, RTCPeerConnection, RTCSessionDescription
 from aiortc.sdp import SessionDescription, candidate_from_sdp
 
 from app.errors import IceRestartRefused, MaryError, NegotiationFailed, OverCapacity
 from app.stream.broadcast import Broadcast
 from app.stream.ice import MAX_CANDIDATES, IceOptions, gather_as, usable, usable_candidates
-from app.stream.packet import Kind, Packet
-from app.stream.rtp import PacketTrack, WallClock, attach
+from app.stream.packet import Packet
+from app.stream.rtp import KINDS, PacketTrack, WallClock, attach, codecs
 from app.stream.trickle import Section
 
 logger = logging.getLogger(__name__)
 
 LINGER_SECONDS = 0.3  # after the stream's last packet the connection stays so long, for the viewer to play out
 
-_KINDS: dict[str, Kind] = {"video": "video", "audio": "opus"}
 _CODECS = {"video": "video/h264", "audio": "audio/opus"}
 _NAMES = {"video": "H.264", "audio": "Opus"}
-_PROFILES = ("42e01f", "42001f")  # constrained baseline first; what is sent is decodable as either
 
 
 class WhepViewer:
@@ -171,9 +169,9 @@ async def answer(
     try:
         # Before the offer is set, or VP8 is negotiated.
         for kind in kinds:
-            track = PacketTrack(_KINDS[kind], source, clock, request_keyframe, idle=idle)
+            track = PacketTrack(KINDS[kind], source, clock, request_keyframe, idle=idle)
             transceiver = connection.addTransceiver(track, direction="sendonly")
-            transceiver.setCodecPreferences(_preferred(kind))
+            transceiver.setCodecPreferences(codecs(kind))
             attach(transceiver.sender, track, request_keyframe)
             transport = transceiver.sender.transport.transport.iceGatherer._connection
             gather_as(transport, ice)
@@ -240,9 +238,9 @@ def _wanted(offer: str) -> tuple[SessionDescription, list[str]]:
         raise NegotiationFailed("the sections of the offer are not named properly (a=mid, a=group)", advice=advice)
     media = [each for each in description.media if each.direction in ("recvonly", "sendrecv")]
     kinds = [each.kind for each in media]
-    if not set(kinds) & set(_KINDS):
+    if not set(kinds) & set(KINDS):
         raise NegotiationFailed("the offer does not ask to receive video or audio", advice=advice)
-    if len(media) < len(description.media) or len(set(kinds)) < len(kinds) or not set(kinds) <= set(_KINDS):
+    if len(media) < len(description.media) or len(set(kinds)) < len(kinds) or not set(kinds) <= set(KINDS):
         raise NegotiationFailed("the offer has more than a video and an audio section to receive", advice=advice)
     if any(each.dtls is None or not each.dtls.fingerprints for each in media):
         raise NegotiationFailed("the offer has no DTLS fingerprint", advice=advice)
@@ -254,17 +252,4 @@ def _wanted(offer: str) -> tuple[SessionDescription, list[str]]:
                 f"{each.kind} is sent as {_NAMES[each.kind]} only, the offer's codecs are: {names}",
                 advice=f"Use a browser that plays {_NAMES[each.kind]} over WebRTC.",
             )
-    return description, [kind for kind in _KINDS if kind in kinds]
-
-
-def _preferred(kind: str) -> list[Any]:
-    codecs = RTCRtpSender.getCapabilities(kind).codecs
-    if kind == "audio":
-        return [codec for codec in codecs if codec.mimeType.lower() == "audio/opus"]
-    h264 = [
-        codec
-        for profile in _PROFILES
-        for codec in codecs
-        if codec.mimeType.lower() == "video/h264" and codec.parameters.get("profile-level-id") == profile
-    ]
-    return h264 + [codec for codec in codecs if codec.mimeType.lower() == "video/rtx"]
+    return description, [kind for kind in KINDS if kind in kinds]

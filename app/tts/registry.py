@@ -1,4 +1,7 @@
-"""Speech engines by name: the ones here and those that other packages add by the entry point group ``mary.tts``."""
+"""Speech engines by name: the ones here and those that other packages add by the entry point group ``mary.tts``.
+
+Nothing is loaded before it is used.
+"""
 
 from __future__ import annotations
 
@@ -6,30 +9,14 @@ from app.errors import SpeechFailed
 from app.plugins import Plugins
 from app.tts.engine import SpeechEngine
 
-GROUP = "mary.tts"
-
-_PLUGINS = Plugins(
-    "speech engine",
-    GROUP,
-    "speech.engine",
-    {"hibari": ("app.tts.hibari", "HibariEngine"), "mock": ("app.tts.mock", "MockEngine")},
+_PLUGINS: Plugins[SpeechEngine] = Plugins(
+    kind="speech engine",
+    group="mary.tts",
+    field="speech.engine",
+    ours={"hibari": ("app.tts.hibari", "HibariEngine"), "mock": ("app.tts.mock", "MockEngine")},
+    protocol=SpeechEngine,
+    broken=SpeechFailed,
 )
 
 names = _PLUGINS.names
-
-
-def create(name: str) -> SpeechEngine:
-    """A new engine; nothing is loaded before its `warm_up`.
-
-    Raises:
-        NotFound: no engine of this name; the advice lists the known ones.
-        MissingExtra: the engine's library is not installed.
-        SpeechFailed: the entry point does not make a speech engine.
-    """
-    engine = _PLUGINS.make(name)
-    if not isinstance(engine, SpeechEngine):
-        raise SpeechFailed(
-            f"{name} is no speech engine: {type(engine).__name__} lacks name, voices, warm_up or speak",
-            advice=f"Correct the entry point {name} in the group {GROUP}.",
-        )
-    return engine
+create = _PLUGINS.create

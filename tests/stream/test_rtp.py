@@ -12,7 +12,7 @@ from patterns import Studio
 
 from app.stream.broadcast import Broadcast
 from app.stream.packet import Packet
-from app.stream.rtp import NTP_SECOND, PacketTrack, WallClock, attach
+from app.stream.rtp import NTP_SECOND, PacketTrack, WallClock, attach, codecs
 
 
 class Lost:
@@ -30,6 +30,15 @@ def test_the_clock_is_set_once() -> None:
     now[0] += 77 * NTP_SECOND
     assert clock.ntp(3.5) == 1001 * NTP_SECOND
     assert clock.ntp(0.0) == 997.5 * NTP_SECOND
+
+
+def test_constrained_baseline_and_opus_are_preferred_and_nothing_else_is_offered() -> None:
+    video = [(codec.mimeType, codec.parameters.get("profile-level-id")) for codec in codecs("video")]
+    assert video[0] == ("video/H264", "42e01f")
+    assert {name for name, _ in video} == {"video/H264", "video/rtx"}
+    assert {codec.mimeType for codec in codecs("audio")} == {"audio/opus"}
+    only = [codec.parameters.get("profile-level-id") for codec in codecs("video", ("42001f",))]
+    assert set(only) == {"42001f", None}
 
 
 async def test_pictures_begin_with_a_key_frame_that_is_asked_for() -> None:

@@ -3,33 +3,17 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from plugin_package import install
 
 from app.errors import MissingExtra, NotFound, SpeechFailed
 from app.tts.engine import SpeechEngine
 from app.tts.narrate import narrate
 from app.tts.registry import create, names
 
-PLUGIN = """
-from app.tts.mock import MockEngine
-
-class Parrot(MockEngine):
-    name = "parrot"
-
-class Stone:
-    pass
-"""
-
 
 @pytest.fixture
 def plugin(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A package as a third party would install it."""
-    (tmp_path / "parrot_plugin.py").write_text(PLUGIN)
-    info = tmp_path / "parrot-1.0.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: parrot\nVersion: 1.0\n")
-    points = ["parrot = parrot_plugin:Parrot", "stone = parrot_plugin:Stone", "lost = no_such_library:Engine"]
-    (info / "entry_points.txt").write_text("\n".join(["[mary.tts]", *points, ""]))
-    monkeypatch.syspath_prepend(str(tmp_path))
+    install(tmp_path, monkeypatch, "mary.tts", "parrot", "app.tts.mock.MockEngine")
 
 
 @pytest.mark.parametrize("name", ["hibari", "mock"])
@@ -54,7 +38,7 @@ def test_entry_points() -> None:
 
 @pytest.mark.usefixtures("plugin")
 def test_bad_entry_points() -> None:
-    with pytest.raises(SpeechFailed, match="Stone"):
+    with pytest.raises(SpeechFailed, match="Stone lacks voices, warm_up, speak"):
         create("stone")
     with pytest.raises(MissingExtra, match="no_such_library"):
         create("lost")
