@@ -12,7 +12,7 @@ import yaml
 from rtmp_server import RtmpServer
 
 from app.config import PushSettings
-from app.stream.push_target import push_target
+from app.stream.push.target import push_target
 
 DOCKER = Path(__file__).resolve().parent.parent / "docker"
 

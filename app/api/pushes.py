@@ -12,8 +12,8 @@ from app.api.schemas import PushEntry, PushRequest, StreamRequest
 from app.api.service import LoadedService
 from app.config import PushSettings
 from app.errors import InputError
-from app.stream.push import PushReport
-from app.stream.push_target import PushTarget, push_target, without_credentials
+from app.stream.push.push import PushReport
+from app.stream.push.target import PushTarget, push_target, without_credentials
 
 router = APIRouter(prefix="/v1/streams/{stream_id}/pushes", tags=["push"])
 

@@ -16,8 +16,8 @@ from app.stream.encoder import AacEncoder, OpusEncoder, VideoEncoder
 from app.stream.ice import IceOptions
 from app.stream.mux import LiveMuxer
 from app.stream.packet import Packet
-from app.stream.push import PushReport
-from app.stream.pushes import Pushes
+from app.stream.push.push import PushReport
+from app.stream.push.pushes import Pushes
 from app.stream.seats import Seats
 
 JOIN_SECONDS = 0.5

@@ -20,8 +20,8 @@ from app.stream.clock import FPS
 from app.stream.container import FORMATS, Format
 from app.stream.events import EVENT_NAMES, Event, EventBoard
 from app.stream.production import Production, StreamOptions, StreamState
-from app.stream.push import PushReport
-from app.stream.push_target import PushTarget
+from app.stream.push.push import PushReport
+from app.stream.push.target import PushTarget
 from app.stream.seats import Seats
 from app.stream.timeline import IdlePhase
 from app.stream.timing import LatencyLog, LoggedUtterance

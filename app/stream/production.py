@@ -22,7 +22,7 @@ from app.stream.film import Film
 from app.stream.packet import Packet
 from app.stream.pieces import pieces
 from app.stream.program import Program
-from app.stream.push import PushReport
+from app.stream.push.push import PushReport
 from app.stream.seats import Seats
 from app.stream.soundtrack import Samples
 from app.stream.timeline import IdlePhase, Timeline

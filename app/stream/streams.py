@@ -16,7 +16,7 @@ from app.config import Settings
 from app.engine.pool import OrderedPool
 from app.errors import NotFound, OverCapacity
 from app.stream.live import LiveStream, StreamOptions
-from app.stream.push_target import PushTarget
+from app.stream.push.target import PushTarget
 from app.stream.seats import Seats
 from app.stream.timeline import IdlePhase
 from app.stream.timing import LatencyLog

@@ -22,8 +22,8 @@ from app.config import PushSettings
 from app.errors import OverCapacity
 from app.stream.broadcast import Broadcast
 from app.stream.packet import Packet
-from app.stream.push import MAX_REFUSALS, Push, PushReport
-from app.stream.push_target import push_target
+from app.stream.push.push import MAX_REFUSALS, Push, PushReport
+from app.stream.push.target import push_target
 from app.stream.seats import Seats
 
 SETTINGS = PushSettings(stall_seconds=5, retry_seconds=0.1, retry_max_seconds=0.3)

@@ -5,7 +5,7 @@ import io
 import pytest
 from patterns import Studio
 
-from app.stream.push_pipe import PublishOrder, pack_packet, read_order, read_packet
+from app.stream.push.pipe import PublishOrder, pack_packet, read_order, read_packet
 
 ORDER = PublishOrder("rtmp", "rtmp://host/app/käy", "", b"\0head\xff", b"\0\0\1\x67", 2.5)
 

@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 
 from app.errors import InputError
-from app.stream.push_target import MAX_URL, push_target, without_credentials
+from app.stream.push.target import MAX_URL, push_target, without_credentials
 
 
 @pytest.mark.parametrize(

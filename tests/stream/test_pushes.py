@@ -21,8 +21,8 @@ from app.errors import Gone, NotFound, OverCapacity
 from app.stream.events import Event
 from app.stream.ice import IceOptions, gather_as
 from app.stream.live import LiveStream, StreamOptions
-from app.stream.push_target import PushTarget, push_target
-from app.stream.pushes import KEPT_OVER
+from app.stream.push.pushes import KEPT_OVER
+from app.stream.push.target import PushTarget, push_target
 from app.stream.timing import LatencyLog
 
 SETTINGS = Settings(

@@ -16,7 +16,7 @@ from patterns import Studio
 from rtmp_server import RtmpServer
 
 from app.stream.container import header
-from app.stream.push_pipe import PublishOrder, pack_packet
+from app.stream.push.pipe import PublishOrder, pack_packet
 
 PATIENCE = 20
 
@@ -29,7 +29,7 @@ def studio() -> Studio:
 @pytest.fixture
 def process() -> Iterator[subprocess.Popen[bytes]]:
     process = subprocess.Popen(
-        [sys.executable, "-m", "app.stream.publisher"], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+        [sys.executable, "-m", "app.stream.push.process"], stdin=subprocess.PIPE, stdout=subprocess.PIPE
     )
     with process:
         yield process
@@ -100,7 +100,7 @@ def test_it_outlives_nobody(studio: Studio, rtmp_server: RtmpServer) -> None:
     rtmp_server.start()
     reader, writer = os.pipe()
     with subprocess.Popen(
-        [sys.executable, "-m", "app.stream.publisher"], stdin=reader, stdout=subprocess.PIPE
+        [sys.executable, "-m", "app.stream.push.process"], stdin=reader, stdout=subprocess.PIPE
     ) as process:
         os.close(reader)
         os.write(writer, order(studio, rtmp_server.url("key")))

@@ -1,6 +1,6 @@
 """What goes through the pipe to a publishing process: an order, then packets; and what comes back: lines of JSON.
 
-The other ends are `app.stream.push` and `app.stream.publisher`.
+The other ends are `app.stream.push.push` and `app.stream.push.process`.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ class PublishOrder:
 
     Attributes:
         kind: "rtmp" or "whip".
-        url, token: of the target (`app.stream.push_target`); not for anybody's eyes.
+        url, token: of the target (`app.stream.push.target`); not for anybody's eyes.
         head: of an MP4 with the two tracks, picture first: their parameters, for RTMP.
         extradata: SPS and PPS in Annex B form, for RTMP.
         stall_seconds: a server that lets the process wait for so long has stalled.

@@ -1,8 +1,8 @@
 """The process that publishes a stream to a server, by RTMP or WHIP.
 
 It is a process because a call into FFmpeg may wait for a server that has stalled, and nothing in the same process could
-end it; `app.stream.push` starts it and may kill it. It ends by itself too: with its input, on an error, and by an alarm
-when the server lets it wait for too long (`app.stream.publication`).
+end it; `app.stream.push.publishing` starts it and may kill it. It ends by itself too: with its input, on an error, and by
+an alarm when the server lets it wait for too long (`app.stream.push.publication`).
 
 On its output are lines of JSON: `{"live": true}` when the server lets the stream be published, `{"keyframe": true}`
 when it needs a key frame, a `Failure` before it ends by itself.
@@ -19,8 +19,8 @@ import sys
 import threading
 from dataclasses import asdict
 
-from app.stream.publication import Failure, Publication, PublishingFailed
-from app.stream.push_pipe import PublishOrder, read_order
+from app.stream.push.pipe import PublishOrder, read_order
+from app.stream.push.publication import Failure, Publication, PublishingFailed
 
 
 def main() -> None:
@@ -56,10 +56,10 @@ def main() -> None:
 def _publication(order: PublishOrder) -> Publication:
     # Only what is needed is imported: the process is to be there soon.
     if order.kind == "rtmp":
-        from app.stream.publish_rtmp import RtmpPublication
+        from app.stream.push.rtmp import RtmpPublication
 
         return RtmpPublication(order)
-    from app.stream.publish_whip import WhipPublication
+    from app.stream.push.whip import WhipPublication
 
     return WhipPublication(order)
 

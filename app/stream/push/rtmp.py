@@ -15,8 +15,8 @@ import av
 import av.logging
 
 from app.stream.packet import Packet
-from app.stream.publication import Failure, PublishingFailed, reason, within
-from app.stream.push_pipe import PublishOrder, read_packet
+from app.stream.push.pipe import PublishOrder, read_packet
+from app.stream.push.publication import Failure, PublishingFailed, reason, within
 
 SEND_BUFFER = 128 << 10  # bytes the kernel holds for a slow server: some seconds of the stream
 CLOSE_SECONDS = 1.0
@@ -25,7 +25,7 @@ _FILES = range(3, 256)  # where the socket that FFmpeg opens is
 
 
 class RtmpPublication:
-    """See `app.stream.publication.Publication`."""
+    """See `app.stream.push.publication.Publication`."""
 
     def __init__(self, order: PublishOrder) -> None:
         self._order = order

@@ -23,7 +23,7 @@ class Publication(Protocol):
         """
 
     def feed(self, source: BinaryIO) -> None:
-        """Send the packets that are read from `source` (`app.stream.push_pipe`) until it ends.
+        """Send the packets that are read from `source` (`app.stream.push.pipe`) until it ends.
 
         Raises:
             PublishingFailed: the connection broke.

@@ -1,4 +1,4 @@
-"""The parent's side of a publishing process (`app.stream.publisher`): started, fed, listened to, killed."""
+"""The parent's side of a publishing process (`app.stream.push.process`): started, fed, listened to, killed."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from typing import Any
 
 from app.stream.broadcast import Broadcast, Subscription
 from app.stream.packet import Kind, Packet
-from app.stream.push_pipe import PublishOrder, pack_packet
+from app.stream.push.pipe import PublishOrder, pack_packet
 
 END_SECONDS = 0.8
 """How long a server may take to the end of a stream before the process is killed."""
@@ -75,7 +75,7 @@ class Publishing:
             sys.executable,
             "-P",
             "-m",
-            "app.stream.publisher",
+            "app.stream.push.process",
             stdin=asyncio.subprocess.PIPE,
             stdout=asyncio.subprocess.PIPE,
             env=os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, found))},

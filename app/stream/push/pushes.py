@@ -10,8 +10,8 @@ from app.errors import NotFound
 from app.stream.broadcast import Broadcast
 from app.stream.encoder import AacEncoder, OpusEncoder, VideoEncoder
 from app.stream.packet import Packet
-from app.stream.push import Push, PushReport
-from app.stream.push_target import PushTarget
+from app.stream.push.push import Push, PushReport
+from app.stream.push.target import PushTarget
 from app.stream.seats import Seats
 
 KEPT_OVER = 16

@@ -20,9 +20,9 @@ from app.stream.broadcast import Broadcast
 from app.stream.container import header
 from app.stream.encoder import AacEncoder, OpusEncoder, VideoEncoder
 from app.stream.packet import Packet
-from app.stream.publishing import END_SECONDS, Broken, Publishing
-from app.stream.push_pipe import PublishOrder
-from app.stream.push_target import PushKind, PushTarget
+from app.stream.push.pipe import PublishOrder
+from app.stream.push.publishing import END_SECONDS, Broken, Publishing
+from app.stream.push.target import PushKind, PushTarget
 from app.stream.seats import Seats
 
 MAX_REFUSALS = 3

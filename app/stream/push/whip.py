@@ -20,8 +20,8 @@ from aiortc import RTCConfiguration, RTCPeerConnection, RTCSessionDescription
 from app.stream.broadcast import Broadcast
 from app.stream.ice import IceOptions, gather_as, usable_candidates
 from app.stream.packet import Packet
-from app.stream.publication import Failure, PublishingFailed, reason, within
-from app.stream.push_pipe import PublishOrder, read_packet
+from app.stream.push.pipe import PublishOrder, read_packet
+from app.stream.push.publication import Failure, PublishingFailed, reason, within
 from app.stream.rtp import KINDS, PacketTrack, WallClock, attach, codecs
 
 MAX_ANSWER = 65_536  # bytes
@@ -30,7 +30,7 @@ CLOSE_SECONDS = 0.5  # for the server to say that it has understood
 
 
 class WhipPublication:
-    """See `app.stream.publication.Publication`."""
+    """See `app.stream.push.publication.Publication`."""
 
     def __init__(self, order: PublishOrder) -> None:
         self._order = order

@@ -6,8 +6,8 @@ import socket
 
 import pytest
 
-from app.stream.publication import Failure
-from app.stream.publish_rtmp import SEND_BUFFER, bound_sockets, explain
+from app.stream.push.publication import Failure
+from app.stream.push.rtmp import SEND_BUFFER, bound_sockets, explain
 
 BROKEN = OSError(5, "Input/output error")
 

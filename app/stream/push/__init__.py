@@ -1,0 +1,1 @@
+"""A stream pushed to other servers, by RTMP and WHIP, from processes of their own."""
