@@ -160,6 +160,7 @@ class LimitSettings(_Section):
     sdp: int = Field(default=65_536, gt=0)
     audio_bytes: int = Field(default=50_000_000, gt=0)
     audio_seconds: float = Field(default=300.0, gt=0)
+    live_sounds: int = Field(default=4, gt=0)
     live_audio_seconds: float = Field(default=60.0, gt=1)
 
 

@@ -7,8 +7,10 @@ stop sending such messages is disconnected.
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 from collections.abc import Collection
+from contextlib import ExitStack
 from typing import Any, Protocol
 
 import structlog
@@ -30,7 +32,7 @@ from app.api.messages import (
 )
 from app.api.schemas import Phase
 from app.api.service import Service
-from app.errors import Gone, InputError, MaryError
+from app.errors import Gone, InputError, MaryError, OverCapacity
 from app.stream.events import EventName
 from app.stream.live import LiveStream
 from app.stream.timeline import IdlePhase
@@ -40,7 +42,10 @@ from app.tts.live_text import LiveText
 MAX_PROBLEMS = 50
 """Messages of one client that may be wrong."""
 
-POLICY_VIOLATION, INTERNAL_ERROR, NORMAL = 1008, 1011, 1000  # RFC 6455, 7.4.1
+FORGOTTEN_SECONDS = 60.0
+"""A text or sound with which nobody goes on for so long is complete: what is queued behind it shall be spoken."""
+
+NORMAL, POLICY_VIOLATION, INTERNAL_ERROR, TRY_AGAIN_LATER = 1000, 1008, 1011, 1013  # RFC 6455, 7.4.1
 
 _log = structlog.get_logger("mary.api")
 
@@ -93,6 +98,7 @@ class Conversation:
         self._websocket = websocket
         self._feed: Feed | None = None  # of the utterance that is being written
         self._utterance: Utterance | None = None  # it
+        self._seat = ExitStack()  # of live sound
         self._told_over = False  # the client knows that it was cut short
         self._text: LiveText | None = None  # the last one that was written here
         self._sound_cut = False  # what still comes of it is nobody's mistake
@@ -118,6 +124,7 @@ class Conversation:
         if self._feed is not None:
             self._feed.end()
             self._feed = None
+        self._seat.close()
 
     def _cut(self) -> None:
         """What was begun is interrupted; sound may still be on its way here."""
@@ -133,14 +140,14 @@ class Conversation:
             await self._websocket.close(NORMAL, "the stream has ended")
         except MaryError as error:
             await self._send(_problem(problems.of_error(error)))
-            await self._websocket.close(POLICY_VIOLATION)
+            await self._websocket.close(TRY_AGAIN_LATER if isinstance(error, OverCapacity) else POLICY_VIOLATION)
         except (TimeoutError, WebSocketDisconnect, RuntimeError):
             return  # it takes nothing, or has gone meanwhile
 
     async def _listen(self) -> None:
         try:
             while True:
-                frame = await self._websocket.receive()
+                frame = await self._receive()
                 if frame["type"] == "websocket.disconnect":
                     return
                 await self._take(frame)
@@ -149,6 +156,14 @@ class Conversation:
                     return
         except (TimeoutError, WebSocketDisconnect, RuntimeError):
             return
+
+    async def _receive(self) -> Any:
+        if self._feed is not None:
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(FORGOTTEN_SECONDS):
+                    return await self._websocket.receive()
+            self.close()
+        return await self._websocket.receive()
 
     async def _take(self, frame: Any) -> None:
         try:
@@ -199,8 +214,11 @@ class Conversation:
             raise InputError("something else is being sent", field="type", advice='Send "end" or "interrupt" first.')
         transcript = message.transcript or ""
         self._service.check_length(transcript)
-        sound = await self._service.listening.live(message.rate, transcript)
-        await self._begin(sound, Script(sound.speeches()), message.phase)
+        with ExitStack() as taken:
+            taken.enter_context(self._service.listening.live_seats.one())
+            sound = await self._service.listening.live(message.rate, transcript)
+            await self._begin(sound, Script(sound.speeches()), message.phase)
+            self._seat = taken.pop_all()
         self._text = None
 
     def _hear(self, data: bytes) -> None:

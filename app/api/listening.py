@@ -16,6 +16,7 @@ from app.api.threads import in_thread
 from app.api.turns import Turns
 from app.config import Settings
 from app.errors import ConfigError
+from app.stream.seats import Seats
 
 LISTENED_WAITING = 8
 """Recordings that may wait to be listened to; one more is told to come back later."""
@@ -26,11 +27,15 @@ class Listening:
 
     Args:
         settings: of the whole service.
+
+    Attributes:
+        live_seats: for sounds that are listened to while they are made; each takes a quarter of a core.
     """
 
     def __init__(self, settings: Settings) -> None:
         self._settings = settings
         self._turns = Turns(1, LISTENED_WAITING)
+        self.live_seats = Seats(settings.limits.live_sounds, "live sounds")
         self._lock = threading.Lock()
         self._aligner: Aligner | None = None
         self._recogniser: Recogniser | None = None

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
+import math
 from collections import deque
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import AsyncIterator, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+
+from app.stream.events import Event
 
 KEPT_WORDS = 20_000
 """Words a stream remembers, about two hours of speech; the oldest is forgotten."""
@@ -45,6 +49,27 @@ class Captions:
             self._words.pop()
         if self._words and self._words[-1].end > seconds:
             self._words.append(replace(self._words.pop(), end=seconds))
+
+    def since(self, seconds: float) -> list[SpokenWord]:
+        """The words that begin after this moment."""
+        later = list(itertools.takewhile(lambda word: word.start > seconds, reversed(self._words)))
+        return later[::-1]
+
+    async def follow(self, events: AsyncIterator[Event]) -> AsyncIterator[str]:
+        """A WebVTT document of all words so far that goes on, phrase by phrase.
+
+        Args:
+            events: "word" and "speak_ended", at least; it ends with them.
+        """
+        yield HEADER
+        told = -math.inf  # start of the last word told
+        async for event in events:
+            groups = list(phrases(self.since(told)))
+            if groups and event.name != "speak_ended" and not complete(groups[-1]):
+                groups.pop()  # it may go on
+            for phrase in groups:
+                yield cue(phrase)
+                told = phrase[-1].start
 
     def words(self, utterance: str | None = None) -> list[SpokenWord]:
         """All words, or those of one utterance."""

@@ -287,22 +287,13 @@ class LiveStream:
         start = self._said.find(utterance).start or 0
         return captions.document(self._captions.words(utterance), start / FPS)
 
-    async def live_captions(self) -> AsyncIterator[str]:
+    def live_captions(self) -> AsyncIterator[str]:
         """What was said so far as a WebVTT document that goes on, phrase by phrase, until the stream ends.
 
         Raises:
-            OverCapacity: the stream has too many viewers.
+            OverCapacity: the stream has too many viewers, now or when the iteration begins.
         """
-        yield captions.HEADER
-        told = -1.0  # start of the last word told
-        async for event in self.events(("state", "word", "speak_ended")):
-            words = [word for word in self._captions.words() if word.start > told]
-            groups = list(captions.phrases(words))
-            if groups and event.name != "speak_ended" and not captions.complete(groups[-1]):
-                groups.pop()  # it may go on
-            for phrase in groups:
-                yield captions.cue(phrase)
-                told = phrase[-1].start
+        return self._captions.follow(self.events(("state", "word", "speak_ended")))
 
     def report(self) -> StreamReport:
         """The present state."""

@@ -226,9 +226,9 @@ class Production:
         await asyncio.to_thread(self._lane.wait)
         self.state = "ended"
         self._events.post(Event("state", {"state": "ended"}))
-        self._events.close()
         self._broadcast.close()
         await self.audience.close(self._grace)
+        self._events.close()  # the ends of pushes are told, too
         await self.program.close()
         for encoder in (self._video, self._aac, self._opus):
             encoder.close()

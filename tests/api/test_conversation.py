@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import json
 import socket
@@ -14,7 +15,9 @@ import soxr
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
+from app.api import conversation
 from app.api.conversation import MAX_PROBLEMS
+from app.client import Mary, Refused
 from app.tts.hibari import HibariEngine
 from app.tts.mock import MockEngine
 
@@ -158,6 +161,51 @@ def test_sound_can_be_interrupted_and_what_still_comes_of_it_is_no_mistake(talk:
         client.until("accepted")
         client.until("speak_ended")
         assert client.named("problem") == []
+
+
+def test_no_more_live_sounds_than_there_are_places_for(own_server: Any) -> None:
+    with (
+        own_server(LIMITS__LIVE_SOUNDS="1", ALIGN__RECOGNISER="mock") as server,
+        Mary(server.url) as mary,
+        mary.stream() as first,
+        mary.stream() as second,
+        first.conversation("error") as talk,
+        second.conversation("error") as other,
+    ):
+        talk.listen(16_000)
+        assert next(iter(talk)).name == "accepted"
+        other.listen(16_000)
+        with pytest.raises(Refused) as refused:
+            next(iter(other))
+        assert refused.value.status == 503
+        talk.end()
+        talk.say("Done.")
+        assert next(iter(talk)).name == "accepted"
+        other.listen(16_000)
+        assert next(iter(other)).name == "accepted"
+
+
+async def test_what_nobody_goes_on_with_is_complete(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(conversation, "FORGOTTEN_SECONDS", 0.05)
+    frames: asyncio.Queue[dict[str, Any]] = asyncio.Queue()
+    ended = asyncio.Event()
+
+    class Socket:
+        receive = staticmethod(frames.get)
+
+    class Feed:
+        def flush(self) -> None: ...
+
+        def end(self) -> None:
+            ended.set()
+
+    talk = conversation.Conversation(None, None, Socket())  # type: ignore[arg-type]
+    talk._feed = Feed()
+    listening = asyncio.create_task(talk._listen())
+    async with asyncio.timeout(PATIENCE):
+        await ended.wait()
+    frames.put_nowait({"type": "websocket.disconnect"})  # still listened for
+    await asyncio.wait_for(listening, PATIENCE)
 
 
 def test_wrong_sound_is_explained(talk: Open) -> None:

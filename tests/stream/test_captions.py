@@ -1,12 +1,14 @@
 from __future__ import annotations
 
 import re
+from collections.abc import AsyncIterator
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.stream.captions import KEPT_WORDS, Captions, SpokenWord, complete, cue, document, phrases
+from app.stream.captions import HEADER, KEPT_WORDS, Captions, SpokenWord, complete, cue, document, phrases
+from app.stream.events import Event
 
 
 def said(text: str, utterance: str = "u", start: float = 0.0, each: float = 0.3) -> list[SpokenWord]:
@@ -81,6 +83,32 @@ def test_what_is_cut_short_was_not_said() -> None:
     ]
     captions.cut(0.62)  # of the third hardly anything was heard
     assert [word.text for word in captions.words()] == ["one", "two"]
+
+
+async def test_captions_are_followed_phrase_by_phrase() -> None:
+    captions = Captions()
+    early, late = said("Hello. How are"), said("you? Bye", start=1.0)
+    for word in early:
+        captions.add(word)
+
+    async def events() -> AsyncIterator[Event]:
+        yield Event("state")
+        for word in late:
+            captions.add(word)
+            yield Event("word")
+        yield Event("speak_ended")
+
+    told = [part async for part in captions.follow(events())]
+    assert told == [HEADER, *(cue(phrase) for phrase in ([early[0]], [*early[1:], late[0]], [late[1]]))]
+    assert "".join(told) == document(captions.words())
+
+
+def test_words_since_a_moment() -> None:
+    captions = Captions()
+    for word in said("one two three"):
+        captions.add(word)
+    assert [word.text for word in captions.since(0.0)] == ["two", "three"]
+    assert captions.since(0.6) == []
 
 
 def test_words_of_one_utterance_and_no_more_than_a_bound() -> None:

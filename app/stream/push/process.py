@@ -1,8 +1,8 @@
 """The process that publishes a stream to a server, by RTMP or WHIP.
 
 It is a process because a call into FFmpeg may wait for a server that has stalled, and nothing in the same process could
-end it; `app.stream.push.publishing` starts it and may kill it. It ends by itself too: with its input, on an error, and by
-an alarm when the server lets it wait for too long (`app.stream.push.publication`).
+end it; `app.stream.push.publishing` starts it and may kill it. It ends by itself too: with its input, on an error, and
+by an alarm when the server lets it wait for too long (`app.stream.push.publication`).
 
 On its output are lines of JSON: `{"live": true}` when the server lets the stream be published, `{"keyframe": true}`
 when it needs a key frame, a `Failure` before it ends by itself.
