@@ -48,7 +48,7 @@ def test_sound_and_picture_are_in_step_from_the_first_minute_to_the_last(session
     times, offsets = np.array(seen["offsets"]).T
     assert len(times) > 1000
     # A machine that is too busy leaves frames out, and what is cut off at once may be seen and not heard.
-    assert (np.abs(offsets) <= FRAME + 0.005).mean() >= 0.99 - session["dropped"] / len(times)
+    assert (np.abs(offsets) <= FRAME + 0.005).mean() >= 0.995 - session["dropped"] / len(times)
     first, last = offsets[times < 60], offsets[times > 60 * (MINUTES - 1)]
     assert len(first) > 10
     assert len(last) > 10

@@ -376,6 +376,23 @@ async def test_a_stream_is_published_by_whip(station: Any, whip_server: WhipServ
     assert whip_server.requests == [("POST /whip", 201), ("DELETE /whip/1", 200)]
 
 
+async def test_the_token_does_not_go_to_a_server_that_the_whip_server_names(
+    station: Any, whip_server: WhipServer
+) -> None:
+    other = WhipServer()
+    await other.start()
+    try:
+        whip_server.location = other.url
+        push = station().push(whip_server.url, token=WHIP_TOKEN)
+        await until(is_live(push))
+        await push.close()
+        assert push.state == "ended"
+        assert whip_server.requests == [("POST /whip", 201)]
+        assert other.requests == []
+    finally:
+        await other.stop()
+
+
 async def test_a_whip_server_that_goes_is_tried_again(station: Any, whip_server: WhipServer) -> None:
     air = station()
     push = air.push(whip_server.url, token=WHIP_TOKEN)

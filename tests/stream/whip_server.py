@@ -22,6 +22,7 @@ class WhipServer:
         sound: of each piece its time and its samples (mono).
         always: if set, the status and body of every answer.
         unreachable: it answers with an address where nobody is.
+        location: of the session that it makes.
     """
 
     def __init__(self) -> None:
@@ -30,6 +31,7 @@ class WhipServer:
         self.sound: list[tuple[float, Any]] = []
         self.always: tuple[int, str] | None = None
         self.unreachable = False
+        self.location = "/whip/1"
         self._connections: list[RTCPeerConnection] = []
         self._tasks: list[asyncio.Task[None]] = []
         self._server: asyncio.Server | None = None
@@ -70,7 +72,7 @@ class WhipServer:
             status, answer = 201, await self._answer(body.decode())
         self.requests.append((f"{method} {path}", status))
         writer.write(
-            f"HTTP/1.1 {status} -\r\nContent-Type: application/sdp\r\nLocation: /whip/1\r\n"
+            f"HTTP/1.1 {status} -\r\nContent-Type: application/sdp\r\nLocation: {self.location}\r\n"
             f"Content-Length: {len(answer)}\r\nConnection: close\r\n\r\n{answer}".encode()
         )
         await writer.drain()
