@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from app.align.dictionary import Dictionary
 from app.align.ear import Ear
 from app.align.recogniser import Recogniser, Samples
-from app.errors import Gone, InputError, OverCapacity
+from app.errors import Gone, InputError, NothingToSay, OverCapacity
 from app.speech import Speech
 
 RATES = (16_000, 24_000, 48_000)
@@ -41,6 +41,7 @@ class LiveSound:
 
     Raises:
         InputError: another rate.
+        NothingToSay: a transcript without a word that sounds.
     """
 
     def __init__(
@@ -61,6 +62,8 @@ class LiveSound:
         self._limit = limit
         self._wait = wait
         self._words = (dictionary or Dictionary()).read(transcript) if transcript.strip() else ()
+        if transcript.strip() and not any(word.pronunciations for word in self._words):
+            raise NothingToSay("the transcript has no word that sounds", field="transcript")
         self._changed = threading.Condition()
         self._new: list[Samples] = []
         self._pushed = 0  # samples, since the beginning or `interrupt`

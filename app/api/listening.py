@@ -89,6 +89,7 @@ class Listening:
 
         Raises:
             InputError: no such rate.
+            NothingToSay: a transcript without a word that sounds.
             RecognitionFailed, MissingExtra: what hears cannot be loaded.
         """
 

@@ -43,6 +43,12 @@ def targets(order: StreamRequest, settings: PushSettings) -> tuple[list[PushTarg
     """
     found: list[PushTarget] = []
     plays_at = None
+    if order.rtmp_url is not None and order.transport == "rtmp":
+        raise InputError(
+            "transport and rtmp_url name two servers",
+            advice="Leave one of them out; a further push: POST …/pushes.",
+            field="rtmp_url",
+        )
     if order.rtmp_url is not None:
         found.append(push_target(order.rtmp_url, kind="rtmp", hosts=settings.hosts, field="rtmp_url"))
     elif order.transport == "rtmp":

@@ -67,7 +67,7 @@ async def speak(
             id=utterance.id,
             unread=[],
             guessed=list(listened.guessed),
-            confidence=listened.confidence,
+            confidence=None if listened.confidence is None else round(listened.confidence, 2),
             doubtful=listened.doubtful,
         ),
         server_time_ms=time.time() * 1000,

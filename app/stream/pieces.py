@@ -24,6 +24,8 @@ REST_FRAMES = 5
 """0.2 s of silence after the last word, in which the mouth comes to rest."""
 AFTER_FRAMES = 8
 """Frames after a piece that its trajectory is drawn to, if it is known what comes."""
+JOIN_FRAMES = 5
+"""A piece that follows something else than it was made to follow gets there within so many frames."""
 HISTORY_FRAMES = 8
 """Frames before a piece that its trajectory is continued from."""
 
@@ -101,6 +103,21 @@ def pieces(
         quiet = Phone(SILENCE, end / SAMPLE_RATE, last / SAMPLE_RATE)
         rows = to_rest(articulator, REST_FRAMES, before)
         yield Piece(end, np.zeros(last - end, np.float32), first, rows, before[-1], (quiet,))
+
+
+def joined(piece: Piece, shown: Coefficients) -> Coefficients:
+    """The mouths of a piece that follows `shown`, shape (K,), which may be another one than it was made to follow.
+
+    A piece that comes late finds the mouth closed meanwhile. Its first mouths are mixed with the one shown, so that
+    they overshoot neither.
+    """
+    rows = piece.coefficients
+    if piece.follows is None or not len(rows) or np.array_equal(shown, piece.follows):
+        return rows
+    mixed = rows.copy()
+    share = np.linspace(1, 0, JOIN_FRAMES + 2, dtype=np.float32)[1:-1, None][: len(rows)]
+    mixed[: len(share)] += share * (shown - rows[: len(share)])
+    return mixed
 
 
 def to_rest(articulator: Articulator, frames: int, before: Coefficients) -> Coefficients:

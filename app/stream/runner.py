@@ -9,9 +9,8 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import threading
 from collections import deque
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import AsyncIterator, Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -20,12 +19,10 @@ import numpy as np
 from app.engine.frame import Picture, empty
 from app.speech import Speech
 from app.stream.clock import FPS, FRAME_SAMPLES
-from app.stream.pieces import HISTORY_FRAMES, Articulator, Coefficients, Piece, pieces, to_rest
+from app.stream.narration import Narration
+from app.stream.pieces import HISTORY_FRAMES, Articulator, Coefficients, Piece, joined, pieces, to_rest
 from app.stream.soundtrack import FADE_SAMPLES, Samples
-from app.stream.timeline import CLOSE_FRAMES, EASE_FRAMES, JOIN_FRAMES
-
-PIECES_AHEAD = 3
-"""Pieces of speech made and not yet shown; the thread that makes them waits when there are so many."""
+from app.stream.timeline import CLOSE_FRAMES, EASE_FRAMES
 
 
 class Feed(Protocol):
@@ -94,13 +91,13 @@ class AvatarRunner:
         self._avatar = avatar
         self._feed = feed
         self._paced = paced
-        self._generation = 0
+        self._generation = 0  # how often it was interrupted
+        self._asked = 0  # generation in which the piece in work was asked for
+        self._narration: Narration | None = None
         self._ready: deque[Piece] = deque()
-        self._room = threading.Semaphore(PIECES_AHEAD)
         self._changed = asyncio.Event()
         self._narrated = False
         self._failure: BaseException | None = None
-        self._closed = False
         self._rows: deque[Coefficients] = deque()  # mouths to be shown
         self._sound = np.zeros(0, np.float32)  # that goes with them
         self._shown: deque[Coefficients] = deque([avatar.rest] * HISTORY_FRAMES, HISTORY_FRAMES)
@@ -122,9 +119,9 @@ class AvatarRunner:
         """Fall silent at once, close the mouth, forget what has not been said. More may be pushed."""
         self._generation += 1
         self._feed.interrupt()
-        for _ in self._ready:
-            self._room.release()
-        self._ready.clear()
+        while self._ready:
+            self._ready.popleft()
+            self._taken()
         if self._rows or len(self._sound):
             self._rows.clear()
             fade = np.linspace(1.0, 0.0, FADE_SAMPLES, dtype=np.float32)[: len(self._sound)]
@@ -138,8 +135,7 @@ class AvatarRunner:
             MaryError: what the feed's speeches raise.
         """
         loop = asyncio.get_running_loop()
-        thread = threading.Thread(target=self._narrate, args=(loop,), name="mary-runner", daemon=True)
-        thread.start()
+        self._narration = narration = Narration(self._pieces, self._deliverer(loop), "mary-runner")
         started, number = loop.time(), 0
         try:
             while True:
@@ -161,9 +157,8 @@ class AvatarRunner:
                 yield AvatarFrame(number, picture, sound, speaking)
                 number += 1
         finally:
-            self._closed = True
             self._feed.cancel()
-            self._room.release()
+            narration.cancel()
 
     # --- what is shown next
 
@@ -204,44 +199,38 @@ class AvatarRunner:
         """Take the next piece when the one before is all but shown."""
         while self._ready and len(self._rows) <= 1:
             piece = self._ready.popleft()
-            self._room.release()
-            rows = piece.coefficients
-            if piece.follows is not None and not self._rows and (piece.follows != self._shown[-1]).any():
-                fading = np.zeros((len(rows), 1), np.float32)  # the mouth has closed meanwhile
-                fading[:JOIN_FRAMES, 0] = np.linspace(1, 0, JOIN_FRAMES + 2, dtype=np.float32)[1:-1][: len(rows)]
-                rows = rows + fading * (self._shown[-1] - rows)
-            self._rows.extend(rows)
+            self._taken()
+            self._rows.extend(piece.coefficients if self._rows else joined(piece, self._shown[-1]))
             self._sound = np.concatenate([self._sound, piece.samples])
 
     # --- the thread that makes speech
 
-    def _narrate(self, loop: asyncio.AbstractEventLoop) -> None:
-        failure: BaseException | None = None
-        try:
-            made = pieces(self._avatar, self._feed.speeches())
-            while self._room.acquire() and not self._closed:
-                piece, generation = None, self._generation
-                while piece is None and not self._closed:
-                    generation = self._generation
-                    piece = next(made)
-                if piece is not None:
-                    self._tell(loop, piece, generation)
-        except StopIteration:
-            pass
-        except BaseException as error:
-            failure = error
-        self._tell(loop, failure, -1)
+    def _pieces(self) -> Iterator[Piece | None]:
+        made = pieces(self._avatar, self._feed.speeches())
+        while True:
+            self._asked = self._generation
+            try:
+                piece = next(made)
+            except StopIteration:
+                return
+            yield piece
 
-    def _tell(self, loop: asyncio.AbstractEventLoop, news: Piece | BaseException | None, generation: int) -> None:
-        def deliver() -> None:
-            if isinstance(news, Piece):
-                if generation == self._generation:
-                    self._ready.append(news)
-                else:  # made of what was interrupted
-                    self._room.release()
-            else:
-                self._failure, self._narrated = news, True
-            self._changed.set()
+    def _taken(self) -> None:
+        if self._narration is not None:
+            self._narration.taken()
 
-        with contextlib.suppress(RuntimeError):  # the event loop is gone
-            loop.call_soon_threadsafe(deliver)
+    def _deliverer(self, loop: asyncio.AbstractEventLoop) -> Callable[[Piece | BaseException | None], None]:
+        def deliver(news: Piece | BaseException | None) -> None:
+            with contextlib.suppress(RuntimeError):  # the event loop is gone
+                loop.call_soon_threadsafe(self._delivered, news, self._asked)
+
+        return deliver
+
+    def _delivered(self, news: Piece | BaseException | None, asked: int) -> None:
+        if not isinstance(news, Piece):
+            self._failure, self._narrated = news, True
+        elif asked == self._generation:
+            self._ready.append(news)
+        else:  # made of what was interrupted
+            self._taken()
+        self._changed.set()

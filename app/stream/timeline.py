@@ -11,15 +11,13 @@ import numpy as np
 
 from app.engine.pool import FrameJob, Lane
 from app.stream.clock import BLOCK_SAMPLES, FPS, FRAME_SAMPLES, SAMPLE_RATE, StreamClock, first_frame_at
-from app.stream.pieces import HISTORY_FRAMES, Articulator, Coefficients, Piece, to_rest
+from app.stream.pieces import HISTORY_FRAMES, Articulator, Coefficients, Piece, joined, to_rest
 from app.stream.soundtrack import Samples, Soundtrack
 
 EASE_FRAMES = 6
 """How long a mouth takes to close when the next piece is late: 0.24 s, as at the end of a sentence."""
 CLOSE_FRAMES = 3
 """How long it takes when speech is cut short: 0.12 s, as before an /m/."""
-JOIN_FRAMES = 5
-"""A piece that follows something else than it was made to follow gets there within so many frames."""
 UNHEARD_SECONDS = 0.5
 """Silence that could not be sent in time is sent late, up to this: gaps in the sound make players stumble."""
 LEAD_SECONDS = 0.05
@@ -138,7 +136,7 @@ class Timeline(Generic[Owner]):
         self._take_back(frame + delay)
         delay = max(delay, self._next - frame)
         self._sound.add(sample + delay * FRAME_SAMPLES, piece.samples)
-        rows = self._joined(piece, frame + delay)
+        rows = joined(piece, self._before(frame + delay)[-1])
         self._submit(frame + delay, list(rows), owner, start=piece.frame == 0)
         self._remember(frame + delay, rows)
         return delay
@@ -194,19 +192,6 @@ class Timeline(Generic[Owner]):
         self._submit(frame, list(rows), owner, start=False)
         self._remember(frame, rows)
         return frame + frames
-
-    def _joined(self, piece: Piece, frame: int) -> Coefficients:
-        # A piece that comes late finds the mouth closed meanwhile, not as it was made to follow it.
-        rows = piece.coefficients
-        if piece.follows is None or not len(rows):
-            return rows
-        shown = self._before(frame)[-1]
-        if np.array_equal(shown, piece.follows):
-            return rows
-        joined = rows.copy()
-        share = np.linspace(1, 0, JOIN_FRAMES + 2, dtype=np.float32)[1:-1, None][: len(rows)]
-        joined[: len(share)] += share * (shown - rows[: len(share)])  # a mixture of the two cannot overshoot either
-        return joined
 
     @property
     def _speech_end(self) -> int:

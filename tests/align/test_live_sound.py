@@ -15,7 +15,7 @@ from app.align.hama import HamaRecogniser
 from app.align.live_sound import RATES, LiveSound
 from app.align.mock_recogniser import MockRecogniser
 from app.align.recogniser import Samples
-from app.errors import Gone, InputError, OverCapacity, RecognitionFailed
+from app.errors import Gone, InputError, NothingToSay, OverCapacity, RecognitionFailed
 from app.speech import PHONES, SILENCE, Phone, Speech, Word
 
 BOUND = STEP + LOOK + CUSHION
@@ -318,3 +318,9 @@ def test_a_wrong_transcript_gives_way_to_what_is_heard(hama: HamaRecogniser, spo
     end = speech.duration / 2
     assert [p.symbol for p in with_text if p.start > end] == [p.symbol for p in alone if p.start > end]
     assert len(words) < len(text.split()) / 2
+
+
+def test_a_transcript_without_a_word_that_sounds_is_refused() -> None:
+    with pytest.raises(NothingToSay) as error:
+        LiveSound(MockRecogniser(), 16_000, transcript="☃ 🙂")
+    assert error.value.field == "transcript"

@@ -118,6 +118,7 @@ def test_what_becomes_of_a_push_is_an_event(server: str, curl, rtmp_server: Rtmp
         ({"rtmp_url": "file:///tmp/x.flv"}, "rtmp_url"),
         ({"rtmp_url": "rtmp://host/app/key live=1"}, "rtmp_url"),
         ({"rtmp_url": "https://host/whip"}, "rtmp_url"),
+        ({"rtmp_url": "rtmp://host/app/key", "transport": "rtmp"}, "rtmp_url"),
         ({"rtmp_url": ""}, "rtmp_url"),
         ({"rtmp_url": 5}, "rtmp_url"),
         ({"whip_url": "rtmp://host/app/key"}, "whip_url"),

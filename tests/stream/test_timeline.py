@@ -9,8 +9,8 @@ from puppet import TinyAvatar
 
 from app.engine.pool import FrameJob
 from app.stream.clock import BLOCK_SAMPLES, FPS, FRAME_SAMPLES, StreamClock
-from app.stream.pieces import Piece
-from app.stream.timeline import CLOSE_FRAMES, EASE_FRAMES, JOIN_FRAMES, IdlePhase, Timeline
+from app.stream.pieces import JOIN_FRAMES, Piece
+from app.stream.timeline import CLOSE_FRAMES, EASE_FRAMES, IdlePhase, Timeline
 
 ORIGIN = 1000.0
 
