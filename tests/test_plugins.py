@@ -1,8 +1,10 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Protocol, runtime_checkable
 
 import pytest
+from pydantic import BaseModel, ConfigDict
 
 from app.errors import ConfigError, MissingExtra, NotFound
 from app.plugins import Plugins
@@ -57,3 +59,40 @@ def test_an_unknown_name_lists_the_known_ones() -> None:
 def test_a_missing_library_is_named() -> None:
     with pytest.raises(MissingExtra, match="kettle lost needs no_such"):
         SHELF.create("lost")
+
+
+class Stove:
+    lid = "iron"
+
+    class Options(BaseModel):
+        model_config = ConfigDict(extra="forbid")
+        heat: float = 1.0
+
+    def __init__(self, options: Options) -> None:
+        self.heat = options.heat
+
+    def append(self, what: object) -> None: ...
+
+
+HEATED: Plugins[Kettle] = replace(
+    SHELF, section="kitchen.kettles", ours={"stove": (__name__, "Stove"), "pan": (__name__, "Pan")}
+)
+
+
+def test_options_are_checked_and_handed_over() -> None:
+    assert HEATED.create("stove").heat == 1.0  # type: ignore[attr-defined]
+    assert HEATED.create("stove", {"heat": 3}).heat == 3.0  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "field"),
+    [
+        ("stove", {"heat": "red"}, "kitchen.kettles.stove.heat"),
+        ("stove", {"cold": 1}, "kitchen.kettles.stove.cold"),
+        ("pan", {"heat": 1}, "kitchen.kettles.pan"),
+    ],
+)
+def test_wrong_options_name_their_key(name: str, options: dict[str, object], field: str) -> None:
+    with pytest.raises(ConfigError, match=field) as caught:
+        HEATED.create(name, options)
+    assert caught.value.field == field

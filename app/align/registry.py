@@ -16,6 +16,7 @@ _PLUGINS: Plugins[Aligner] = Plugins(
     ours={"pocketsphinx": ("app.align.pocketsphinx", "PocketSphinxAligner"), "mock": ("app.align.mock", "MockAligner")},
     protocol=Aligner,
     broken=AlignmentFailed,
+    section="align.aligners",
 )
 
 names = _PLUGINS.names

@@ -16,6 +16,7 @@ _PLUGINS: Plugins[SpeechEngine] = Plugins(
     ours={"hibari": ("app.tts.hibari", "HibariEngine"), "mock": ("app.tts.mock", "MockEngine")},
     protocol=SpeechEngine,
     broken=SpeechFailed,
+    section="speech.engines",
 )
 
 names = _PLUGINS.names
