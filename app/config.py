@@ -9,10 +9,11 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import yaml
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, field_validator
 from pydantic_settings import BaseSettings, PydanticBaseSettingsSource, SettingsConfigDict, SettingsError
 
-from app.errors import ConfigError
+from app.align.dictionary import read_lexicon
+from app.errors import ConfigError, InputError
 
 ENVIRONMENT_PREFIX = "MARY_"
 
@@ -72,11 +73,26 @@ class SpeechSettings(_Section):
     engine: str = "hibari"
     voice: str = ""
     seconds: float = Field(default=10.0, gt=0)
+    aligner: str = "auto"
+    fallback: str = ""
+    cache_mb: float = Field(default=32.0, ge=0)
+    lexicon: dict[str, str] = {}
+    engines: dict[str, dict[str, Any]] = {}
+
+    @field_validator("lexicon")
+    @classmethod
+    def _pronounceable(cls, lexicon: dict[str, str]) -> dict[str, str]:
+        try:
+            read_lexicon(lexicon)
+        except InputError as error:
+            raise ValueError(error.message) from error
+        return lexicon
 
 
 class AlignSettings(_Section):
     engine: str = "pocketsphinx"
     recogniser: str = "hama"
+    aligners: dict[str, dict[str, Any]] = {}
 
 
 class EngineSettings(_Section):

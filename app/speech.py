@@ -42,18 +42,28 @@ class Word:
 
 
 @dataclass(frozen=True, slots=True)
+class Mark:
+    """A place in a text that its writer has named (SSML ``mark``), and when it is reached (seconds, as in `Phone`)."""
+
+    name: str
+    time: float
+
+
+@dataclass(frozen=True, slots=True)
 class Speech:
     """Sound with its phones and words.
 
     Attributes:
         samples: mono waveform, float32 in [-1, 1], shape (n,).
         rate: samples a second.
-        phones: gapless, from 0 to the end of the samples, silences included.
+        phones: gapless, from 0 to the end of the samples, silences included. None at all: whoever made the sound does
+            not know them (only between a speech engine and `app.tts.timed`).
         words: in order of time; gaps are allowed. A word belongs to the piece of speech in which it begins; its end may
             lie behind that of the piece.
         unread: pieces of the text that the engine could not read and left out.
         around: the phones with those that sound shortly before and after, in seconds from the first sample, so from
             less than 0 on to behind the end: live sound is cut in the middle of words. Empty if nothing is known.
+        marks: in order of time.
     """
 
     samples: NDArray[np.float32]
@@ -62,6 +72,7 @@ class Speech:
     words: tuple[Word, ...] = ()
     unread: tuple[str, ...] = ()
     around: tuple[Phone, ...] = ()
+    marks: tuple[Mark, ...] = ()
 
     @property
     def duration(self) -> float:

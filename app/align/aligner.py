@@ -9,6 +9,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from app.align.dictionary import NO_LEXICON, Lexicon
 from app.align.phoneset import Sound
 from app.errors import InputError, NothingToSay
 from app.speech import SILENCE, Phone, Word
@@ -42,13 +43,14 @@ class Aligner(Protocol):
     @property
     def name(self) -> str: ...
 
-    def align(self, samples: NDArray[np.float32], rate: int, text: str) -> Alignment:
+    def align(self, samples: NDArray[np.float32], rate: int, text: str, *, lexicon: Lexicon = NO_LEXICON) -> Alignment:
         """When each phone and word of `text` sounds.
 
         Args:
             samples: mono waveform in [-1, 1], shape (n,).
             rate: samples a second.
             text: everything that is said, in order.
+            lexicon: how some of its words are said (`app.align.dictionary.read_lexicon`).
 
         Raises:
             NothingToSay: the text has no word that sounds.

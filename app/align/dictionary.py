@@ -11,6 +11,7 @@ from functools import cache
 from importlib.util import find_spec
 from itertools import product
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from app.align.phoneset import phones_of
@@ -19,6 +20,11 @@ from app.errors import InputError, MissingExtra
 from app.speech import PHONES, SILENCE
 
 Pronunciation = tuple[str, ...]
+
+Lexicon = Mapping[str, Pronunciation]
+"""Words as `folded` has them, and how they are said: ARPAbet without stress. `read_lexicon` makes one."""
+
+NO_LEXICON: Lexicon = MappingProxyType({})
 
 MOST_PRONUNCIATIONS = 8  # of one written word: "well-read" multiplies those of its parts
 MOST_LETTERS = 60  # a longer "word" (a URL, a key mash) is read up to here
@@ -65,7 +71,15 @@ class Dictionary:
     """
 
     def __init__(self, lexicon: Mapping[str, str | Sequence[str]] | None = None) -> None:
-        self._own = {_folded(word): (_phones(word, said),) for word, said in (lexicon or {}).items()}
+        self._own = {word: (said,) for word, said in read_lexicon(lexicon or {}).items()}
+
+    def with_lexicon(self, lexicon: Lexicon) -> Dictionary:
+        """The same dictionary with further pronunciations, which come first; words are casefolded as in `folded`."""
+        if not lexicon:
+            return self
+        further = Dictionary()
+        further._own = {**self._own, **{word: (said,) for word, said in lexicon.items()}}
+        return further
 
     def read(self, text: str) -> tuple[WrittenWord, ...]:
         """The words of a text, divided at white space, with their pronunciations."""
@@ -74,11 +88,11 @@ class Dictionary:
         currency = ""
         for number, written in enumerate(words):
             amount = _AMOUNT.match(written)
-            if amount and number + 1 < len(words) and _folded(words[number + 1]) in _MAGNITUDES:
+            if amount and number + 1 < len(words) and folded(words[number + 1]) in _MAGNITUDES:
                 currency = _CURRENCIES[amount[1]]  # said after the next word: $3 million
                 result.append(replace(self.word(amount[2]), text=written))
             elif currency:
-                result.append(replace(self.word(f"{_folded(written)}-{currency}"), text=written))
+                result.append(replace(self.word(f"{folded(written)}-{currency}"), text=written))
                 currency = ""
             else:
                 result.append(self.word(written))
@@ -86,7 +100,7 @@ class Dictionary:
 
     def word(self, written: str) -> WrittenWord:
         """One written word with its pronunciations."""
-        plain = _folded(written)
+        plain = folded(written)
         known = self._known(plain)
         if known:
             return WrittenWord(written, known)
@@ -120,7 +134,28 @@ class Dictionary:
         return ()
 
 
-def _folded(written: str) -> str:
+def read_lexicon(lexicon: Mapping[str, str | Sequence[str]]) -> Lexicon:
+    """A lexicon as people write it, checked: word (as in `folded`) to ARPAbet without stress.
+
+    Args:
+        lexicon: word, in any case, to phones as ``"N UW Y EH N"`` or a sequence; stress digits are ignored.
+
+    Raises:
+        InputError: a pronunciation has a phone that is none, or a word that is none.
+    """
+    return {_word_of(word): _phones(word, said) for word, said in lexicon.items()}
+
+
+def _word_of(word: str) -> str:
+    if len(word.split()) != 1 or not folded(word):
+        raise InputError(
+            f"lexicon: {word!r} is not one word", field="lexicon", advice="Give a pronunciation to each word by itself."
+        )
+    return folded(word)
+
+
+def folded(written: str) -> str:
+    """A written word as dictionaries have it: lower case, plain quotes, without the punctuation around it."""
     kept = written.translate(_QUOTES)[:MOST_LETTERS]
     plain = "".join(letter if letter in _KEPT else unicodedata.normalize("NFKC", letter) for letter in kept)
     return _EDGE.sub("", unicodedata.normalize("NFC", plain)).lower()

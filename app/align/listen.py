@@ -10,6 +10,7 @@ import soxr
 from numpy.typing import NDArray
 
 from app.align.aligner import DOUBTFUL, Aligner
+from app.align.dictionary import NO_LEXICON, Lexicon
 from app.align.recogniser import RATE, Recogniser, recognise
 from app.errors import InputError
 from app.speech import SILENCE, Phone, Speech, Word
@@ -44,7 +45,13 @@ class Listened:
 
 
 def align_recording(
-    samples: NDArray[np.float32], rate: int, text: str, aligner: Aligner, *, strict: bool = False
+    samples: NDArray[np.float32],
+    rate: int,
+    text: str,
+    aligner: Aligner,
+    *,
+    strict: bool = False,
+    lexicon: Lexicon = NO_LEXICON,
 ) -> Listened:
     """Find the phones and words of a text in a recording; blocks.
 
@@ -54,13 +61,14 @@ def align_recording(
         text: all that is said.
         aligner: finds it.
         strict: refuse a text that is probably not what is said.
+        lexicon: how some of its words are said.
 
     Raises:
         InputError: it is (`strict`); or the sound cannot be aligned.
         NothingToSay: the text has no word that sounds.
         AlignmentFailed: the aligner found nothing or broke down.
     """
-    found = aligner.align(samples, rate, text)
+    found = aligner.align(samples, rate, text, lexicon=lexicon)
     listened = Listened(_speech(samples, rate, found.phones, found.words), found.guessed, found.confidence)
     if strict and listened.doubtful:
         raise InputError(

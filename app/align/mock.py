@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from app.align.aligner import Alignment, assemble, checked
 from app.align.boundaries import activity
-from app.align.dictionary import Dictionary
+from app.align.dictionary import NO_LEXICON, Dictionary, Lexicon
 from app.align.phoneset import Sound
 from app.errors import NothingToSay
 
@@ -26,9 +26,9 @@ class MockAligner:
     def __init__(self, dictionary: Dictionary | None = None) -> None:
         self._dictionary = dictionary or Dictionary()
 
-    def align(self, samples: NDArray[np.float32], rate: int, text: str) -> Alignment:
+    def align(self, samples: NDArray[np.float32], rate: int, text: str, *, lexicon: Lexicon = NO_LEXICON) -> Alignment:
         checked(samples, rate, text)
-        words = self._dictionary.read(text)
+        words = self._dictionary.with_lexicon(lexicon).read(text)
         said = [(phone, number) for number, word in enumerate(words) for phone in (*word.pronunciations, ())[0]]
         if not said:
             raise NothingToSay("the transcript has no word that sounds", field="text")

@@ -26,7 +26,7 @@ import soxr
 from numpy.typing import NDArray
 
 from app.align.aligner import Alignment, assemble, checked
-from app.align.dictionary import Dictionary, WrittenWord
+from app.align.dictionary import NO_LEXICON, Dictionary, Lexicon, WrittenWord
 from app.align.pauses import close_gaps, trim
 from app.align.phoneset import Sound
 from app.align.sphinx_worker import read, write
@@ -92,9 +92,9 @@ class PocketSphinxAligner:
         with self._lock:
             self._ask("hello", [], np.zeros(0, np.float32))
 
-    def align(self, samples: NDArray[np.float32], rate: int, text: str) -> Alignment:
+    def align(self, samples: NDArray[np.float32], rate: int, text: str, *, lexicon: Lexicon = NO_LEXICON) -> Alignment:
         checked(samples, rate, text)
-        words = self._dictionary.read(text)
+        words = self._dictionary.with_lexicon(lexicon).read(text)
         numbers = [number for number, word in enumerate(words) if word.pronunciations]
         if not numbers:
             raise NothingToSay("the transcript has no word that sounds", field="text")

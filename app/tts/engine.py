@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
+from app.align.dictionary import NO_LEXICON, Lexicon
 from app.errors import ConfigError, MissingExtra, NotFound
 from app.speech import Speech
 
@@ -39,9 +40,17 @@ class Voice:
 
 @runtime_checkable
 class SpeechEngine(Protocol):
-    """Turns text into sound with phones. Everything here blocks; `speak` may be called from several threads at once."""
+    """Turns text into sound with phones. Everything here blocks; `speak` may be called from several threads at once.
+
+    A class that has settings holds a pydantic model `Options` and is made with one; see `app.plugins`.
+
+    Attributes:
+        name: what it is chosen by.
+        pronounces: whether it says the words of a lexicon as the lexicon has them.
+    """
 
     name: str
+    pronounces: bool
 
     def voices(self) -> tuple[Voice, ...]:
         """All voices, the default first. Must be quick: it is asked before `warm_up`."""
@@ -51,13 +60,18 @@ class SpeechEngine(Protocol):
         """Load what speaking needs. May be called again; then it does nothing."""
         ...
 
-    def speak(self, text: str, *, voice: str, speed: float = 1.0) -> Speech:
+    def speak(self, text: str, *, voice: str = "", speed: float = 1.0, lexicon: Lexicon = NO_LEXICON) -> Speech:
         """Speak one sentence or clause.
 
         Args:
             text: cleaned text (`app.tts.text.clean`), one to a few hundred characters.
             voice: a voice's id; empty means the default voice.
             speed: 1 is the voice's own pace, 2 is twice as fast.
+            lexicon: how some words of the text are to be said; an engine that cannot (`pronounces`) disregards it.
+
+        Returns:
+            sound with phones and words; an engine that does not know them leaves both empty, and they are found by an
+            aligner (`app.tts.timed`).
 
         Raises:
             NothingToSay: the text makes no sound.
@@ -65,6 +79,10 @@ class SpeechEngine(Protocol):
             MissingExtra: the voice exists but is not installed.
             SpeechFailed: the engine failed.
         """
+        ...
+
+    def close(self) -> None:
+        """End processes and connections. May be called again."""
         ...
 
 

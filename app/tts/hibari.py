@@ -25,6 +25,7 @@ from hibari.g2p.normalize import normalize
 from numpy.typing import NDArray
 
 from app.align.boundaries import activity, settle
+from app.align.dictionary import NO_LEXICON, Lexicon, folded
 from app.align.phoneset import Sound, Unit, merge
 from app.errors import MissingExtra, NotFound, NothingToSay, SpeechFailed
 from app.speech import SILENCE, Phone, Speech, Word
@@ -66,6 +67,7 @@ class HibariEngine:
     """See `app.tts.engine.SpeechEngine`. Voices beyond the wheel's are used if their file is there, never fetched."""
 
     name = "hibari"
+    pronounces = True
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -96,7 +98,7 @@ class HibariEngine:
                 return
         self.speak("Hello, I am qwyx, and it is 10:30.", voice=catalogue.DEFAULT)
 
-    def speak(self, text: str, *, voice: str = "", speed: float = 1.0) -> Speech:
+    def speak(self, text: str, *, voice: str = "", speed: float = 1.0, lexicon: Lexicon = NO_LEXICON) -> Speech:
         model, reader = self._loaded(voice or catalogue.DEFAULT)
         pieces = [text] if len(text) <= LONGEST_PIECE else [clause.text for clause in split(text)]
         noise = np.random.default_rng(SEED)
@@ -105,7 +107,7 @@ class HibariEngine:
         unread: list[str] = []
         count = 0  # of spoken words
         for piece in pieces:
-            reading = reader.read(piece)
+            reading = reader.read(piece, lexicon)
             unread += reading.unread
             written += [(word, range(span.start + count, span.stop + count)) for word, span in reading.words]
             for letters in _runs([letter for letter in reading.letters if model.knows(letter.symbol)]):
@@ -118,6 +120,9 @@ class HibariEngine:
         samples, sounds = _joined(takes)
         phones = tuple(Phone(sound.symbol, sound.start, sound.end) for sound in sounds)
         return Speech(samples, RATE, phones, _words(sounds, written), tuple(dict.fromkeys(unread)))
+
+    def close(self) -> None:
+        """Nothing is held that has to be given back."""
 
     def _loaded(self, voice: str) -> tuple[_Model, _Reader]:
         with self._lock:
@@ -161,7 +166,7 @@ class _Reader:
             threading.Lock()
         )  # nothing promises that it may be used from several threads; it takes a millisecond
 
-    def read(self, text: str) -> _Reading:
+    def read(self, text: str, lexicon: Lexicon = NO_LEXICON) -> _Reading:
         words = text.split()
         prepared = [_LONG_NUMBER.sub(_digit_by_digit, fold(word)) for word in words]
         with self._lock:
@@ -174,6 +179,7 @@ class _Reader:
                 words = [word for word, good in zip(words, readable, strict=True) if good]
                 prepared = [word for word, good in zip(prepared, readable, strict=True) if good]
                 spoken = [part for word in prepared for part in self._spoken(normalize(word))]
+        spoken = [(said, _pronounced(said, phonemes, lexicon)) for said, phonemes in spoken]
         expected = [normalize(word).split() for word in prepared]
         letters = [
             _Written(letter, number if letter.isalpha() or letter in "ˈˌː" else -1)
@@ -204,6 +210,26 @@ class _Reader:
                 spoken.append((text, phonemes))
                 text = phonemes = ""
         return [*spoken, (text, phonemes)] if text else spoken
+
+
+_STOPS = frozenset(';:,.!?—…"()“”')
+_LETTERS = {
+    "AA": "ɑ", "AE": "æ", "AH": "ʌ", "AO": "ɔ", "AW": "W", "AY": "I", "B": "b", "CH": "ʧ", "D": "d", "DH": "ð",
+    "EH": "ɛ", "ER": "ɜɹ", "EY": "A", "F": "f", "G": "ɡ", "HH": "h", "IH": "ɪ", "IY": "i", "JH": "ʤ", "K": "k",
+    "L": "l", "M": "m", "N": "n", "NG": "ŋ", "OW": "O", "OY": "Y", "P": "p", "R": "ɹ", "S": "s", "SH": "ʃ", "T": "t",
+    "TH": "θ", "UH": "ʊ", "UW": "u", "V": "v", "W": "w", "Y": "j", "Z": "z", "ZH": "ʒ",
+}  # fmt: skip
+"""How the network writes ARPAbet."""
+
+
+def _pronounced(said: str, phonemes: str, lexicon: Lexicon) -> str:
+    """Phoneme letters of a spoken word: those of the lexicon, the first vowel stressed, if it has the word."""
+    phones = lexicon.get(folded(said)) if lexicon else None
+    if phones is None:
+        return phonemes
+    stops = phonemes[len(phonemes.rstrip("".join(_STOPS))) :]
+    stressed = next((at for at, phone in enumerate(phones) if phone[0] in "AEIOU"), -1)
+    return "".join(("ˈ" if at == stressed else "") + _LETTERS[phone] for at, phone in enumerate(phones)) + stops
 
 
 def _digit_by_digit(number: re.Match[str]) -> str:

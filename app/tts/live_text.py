@@ -10,9 +10,10 @@ import itertools
 import re
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
+from app.align.dictionary import NO_LEXICON, read_lexicon
 from app.errors import Gone, NothingToSay, OverCapacity
 from app.speech import Speech
 from app.tts.engine import SpeechEngine
@@ -34,6 +35,7 @@ class LiveText:
         voice: its voice.
         speed: 0.5 to 2.
         limit: characters that may wait to be spoken.
+        lexicon: how some words are to be said, see `app.align.dictionary.read_lexicon`.
         clock: seconds, monotonic.
         wait: how long `speeches` waits before it says that there is nothing yet.
 
@@ -42,7 +44,7 @@ class LiveText:
         unread: what of the text could not be read so far, each run once.
 
     Raises:
-        InputError: speed out of range.
+        InputError: speed out of range, or the lexicon has a pronunciation that is none.
     """
 
     def __init__(
@@ -52,6 +54,7 @@ class LiveText:
         voice: str,
         speed: float = 1.0,
         limit: int = 10_000,
+        lexicon: Mapping[str, str | Sequence[str]] = NO_LEXICON,
         clock: Callable[[], float] = time.monotonic,
         wait: float = ASK_SECONDS,
     ) -> None:
@@ -60,6 +63,7 @@ class LiveText:
         self.unread: tuple[str, ...] = ()
         self._engine, self._voice, self._speed = engine, voice, speed
         self._limit = limit
+        self._lexicon = read_lexicon(lexicon)
         self._clock = clock
         self._wait = wait
         self._changed = threading.Condition()
@@ -127,7 +131,7 @@ class LiveText:
 
     def _plan(self, written: str) -> Plan | None:
         try:
-            planned = plan(written)
+            planned = plan(written, lexicon=self._lexicon)
         except NothingToSay:
             self._remember_unread(clean(written).unread)
             return None
@@ -135,7 +139,7 @@ class LiveText:
         *clauses, last = planned.clauses
         if ends_clause(last.text.split()[-1]):  # a sentence that goes on
             last = replace(last, pause=CLAUSE_PAUSE)
-        return Plan((*clauses, last), ())
+        return replace(planned, clauses=(*clauses, last), unread=())
 
     def _remember_unread(self, unread: tuple[str, ...]) -> None:
         self.unread = tuple(dict.fromkeys((*self.unread, *unread)))

@@ -13,6 +13,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
+from app.align.dictionary import NO_LEXICON, Lexicon, Pronunciation, folded
 from app.errors import NotFound, NothingToSay
 from app.speech import PHONES, SILENCE, Phone, Speech, Word
 from app.tts.engine import Voice
@@ -51,6 +52,7 @@ class MockEngine:
     """Speaks instantly. See `app.tts.engine.SpeechEngine`."""
 
     name = "mock"
+    pronounces = True
 
     def voices(self) -> tuple[Voice, ...]:
         return (Voice("mock", "Buzz", "en", "", RATE, "Apache-2.0", self.name),)
@@ -58,19 +60,22 @@ class MockEngine:
     def warm_up(self) -> None:
         _period("AA")
 
-    def speak(self, text: str, *, voice: str = "", speed: float = 1.0) -> Speech:
+    def speak(self, text: str, *, voice: str = "", speed: float = 1.0, lexicon: Lexicon = NO_LEXICON) -> Speech:
         if voice not in ("", "mock"):
             raise NotFound(f"speech engine mock has no voice {voice!r}", field="voice", advice="It has: mock.")
         line = _Line(speed)
         line.rest(EDGE)
         for written in text.split():
-            line.word(written)
+            line.word(written, lexicon.get(folded(written)))
         line.rest(EDGE)
         if not line.words:
             raise NothingToSay("the text has nothing to say", field="text")
         samples = np.concatenate([_sound(symbol, start, end) for symbol, start, end in line.spans])
         phones = tuple(Phone(symbol, start / RATE, end / RATE) for symbol, start, end in line.spans)
         return Speech(samples, RATE, phones, tuple(line.words))
+
+    def close(self) -> None:
+        """Nothing is held."""
 
 
 class _Line:
@@ -91,9 +96,9 @@ class _Line:
     def rest(self, seconds: float) -> None:
         self.add(SILENCE, seconds)
 
-    def word(self, written: str) -> None:
+    def word(self, written: str, said: Pronunciation | None) -> None:
         start = self.end
-        phones = spell(written)
+        phones = spell(written) if said is None else said
         for symbol in phones:
             self.add(symbol, VOWEL if symbol in _VOWELS else CONSONANT)
         if phones:

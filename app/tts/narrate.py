@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from app.align.dictionary import NO_LEXICON, Dictionary, Lexicon, folded, read_lexicon
 from app.errors import InputError, MaryError, NothingToSay, SpeechFailed
 from app.speech import PHONES, SILENCE, Phone, Speech
 from app.tts.engine import SpeechEngine
@@ -14,6 +15,7 @@ from app.tts.text import Clause, clean, split
 
 SLOWEST, FASTEST = 0.5, 2.0
 _SYMBOLS = frozenset(PHONES)
+_AROUND = ".,;:!?…—()[]{}\"'"  # of a word
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,23 +25,38 @@ class Plan:
     Attributes:
         clauses: the pieces to speak, at least one.
         unread: what of the text cannot be read.
+        guessed: words, each once as they are written, that neither the lexicon nor the dictionary has.
+        lexicon: how some of the words are to be said.
     """
 
     clauses: tuple[Clause, ...]
     unread: tuple[str, ...]
+    guessed: tuple[str, ...] = ()
+    lexicon: Lexicon = field(default_factory=lambda: NO_LEXICON)
 
 
-def plan(text: str) -> Plan:
+def plan(text: str, *, lexicon: Mapping[str, str | Sequence[str]] = NO_LEXICON) -> Plan:
     """Clean and split a text without speaking it; quick enough for the request that brings the text.
+
+    Args:
+        text: any.
+        lexicon: see `app.align.dictionary.read_lexicon`.
 
     Raises:
         NothingToSay: no readable text.
+        InputError: the lexicon has a pronunciation that is none.
     """
+    own = read_lexicon(lexicon) if lexicon else NO_LEXICON
     cleaned = clean(text)
     clauses = split(cleaned.text)
     if not clauses:
         raise _nothing(cleaned.unread)
-    return Plan(clauses, cleaned.unread)
+    words = Dictionary().with_lexicon(own).read(" ".join(clause.text for clause in clauses))
+    guessed: dict[str, str] = {}
+    for word in words:
+        if word.guessed:
+            guessed.setdefault(folded(word.text), word.text.strip(_AROUND))
+    return Plan(clauses, cleaned.unread, tuple(guessed.values()), own)
 
 
 def narrate(engine: SpeechEngine, text: str | Plan, *, voice: str = "", speed: float = 1.0) -> Iterator[Speech]:
@@ -87,7 +104,7 @@ def speak(engine: SpeechEngine, planned: Plan, *, voice: str, speed: float) -> I
     unread = planned.unread
     for clause in planned.clauses:
         try:
-            speech = check(engine.speak(clause.text, voice=voice, speed=speed), engine.name)
+            speech = check(engine.speak(clause.text, voice=voice, speed=speed, lexicon=planned.lexicon), engine.name)
         except NothingToSay:
             continue
         except MaryError:

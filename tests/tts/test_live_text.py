@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from app.align.dictionary import NO_LEXICON, Lexicon
 from app.errors import Gone, InputError, NothingToSay, OverCapacity
 from app.speech import Speech
 from app.tts.live_text import HOLD_SENTENCE, HOLD_WORDS, LiveText, complete
@@ -22,9 +23,9 @@ class Engine(MockEngine):
         super().__init__()
         self.spoken: list[str] = []
 
-    def speak(self, text: str, *, voice: str, speed: float = 1.0) -> Speech:
+    def speak(self, text: str, *, voice: str = "", speed: float = 1.0, lexicon: Lexicon = NO_LEXICON) -> Speech:
         self.spoken.append(text)
-        return super().speak(text, voice=voice, speed=speed)
+        return super().speak(text, voice=voice, speed=speed, lexicon=lexicon)
 
 
 class Writing:

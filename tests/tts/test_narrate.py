@@ -4,6 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from app.align.dictionary import NO_LEXICON, Lexicon
 from app.errors import InputError, NotFound, NothingToSay, SpeechFailed
 from app.speech import SILENCE, Phone, Speech, Word
 from app.tts.mock import MockEngine
@@ -17,19 +18,33 @@ class Counting(MockEngine):
     def __init__(self) -> None:
         self.spoken: list[str] = []
 
-    def speak(self, text: str, *, voice: str = "", speed: float = 1.0) -> Speech:
+    def speak(self, text: str, *, voice: str = "", speed: float = 1.0, lexicon: Lexicon = NO_LEXICON) -> Speech:
         self.spoken.append(text)
         if "fail" in text:
             raise ZeroDivisionError("oops")
         if "mute" in text:
             raise NothingToSay("nothing")
-        return super().speak(text, voice=voice, speed=speed)
+        return super().speak(text, voice=voice, speed=speed, lexicon=lexicon)
 
 
 def test_plan() -> None:
     planned = plan("Hi 😀. Bye.")
     assert [clause.text for clause in planned.clauses] == ["Hi.", "Bye."]
     assert planned.unread == ("😀",)
+
+
+def test_words_that_no_dictionary_has_are_told() -> None:
+    assert plan("Ask Qwyxzk or (Zzyxq), twice: qwyxzk?").guessed == ("Qwyxzk", "Zzyxq")
+    assert plan("Hello to all of you.").guessed == ()
+
+
+def test_a_lexicon_says_how_words_are_said() -> None:
+    planned = plan("So, Qwyxzk!", lexicon={"qwyxzk": "K W IH1 K"})
+    assert planned.guessed == ()
+    (speech,) = narrate(MockEngine(), planned)
+    assert [phone.symbol for phone in speech.phones if phone.symbol != "SIL"] == ["S", "OW", "K", "W", "IH", "K"]
+    with pytest.raises(InputError, match="'XX', which is no phone"):
+        plan("Hello", lexicon={"hello": "XX"})
 
 
 def test_pieces_are_spoken_only_when_asked_for() -> None:

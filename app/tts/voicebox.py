@@ -1,0 +1,86 @@
+"""The speech engine of a service as the settings describe it: limited, timed, remembered, with another behind it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from app.align.aligners import Aligners
+from app.align.registry import names as aligner_names
+from app.config import AlignSettings, SpeechSettings
+from app.errors import ConfigError, NotFound
+from app.tts.engine import SpeechEngine
+from app.tts.fallback import FallbackEngine
+from app.tts.limit import Limit, LimitedEngine
+from app.tts.registry import create, names
+from app.tts.speech_cache import CachedEngine
+from app.tts.timed import AUTO, NATIVE, TimedEngine, TimesCount
+
+
+@dataclass(frozen=True)
+class Voicebox:
+    """What `voicebox` makes.
+
+    Attributes:
+        engine: to speak with.
+        timed: of each engine in it, in order.
+        caches: likewise; none if nothing is remembered.
+        fallback: the one that may step in, None if none is configured.
+    """
+
+    engine: SpeechEngine
+    timed: tuple[TimedEngine, ...]
+    caches: tuple[CachedEngine, ...]
+    fallback: FallbackEngine | None
+
+    def counts(self) -> dict[str, TimesCount]:
+        """Where the phone times of each engine came from."""
+        return {each.name: each.count for each in self.timed}
+
+
+def voicebox(speech: SpeechSettings, align: AlignSettings, aligners: Aligners) -> Voicebox:
+    """Make the engine of the settings.
+
+    Args:
+        speech, align: the settings.
+        aligners: make the aligner, when it is first needed; to be closed by the caller, like the engine.
+
+    Raises:
+        ConfigError: an engine or aligner is unknown, or an option is wrong.
+        MissingExtra: a library is not installed.
+    """
+    timed: list[TimedEngine] = []
+    caches: list[CachedEngine] = []
+    choice = align.engine if speech.aligner in (AUTO, NATIVE) else speech.aligner
+
+    def one(name: str, field: str) -> SpeechEngine:
+        limit = Limit(speech.seconds)
+        try:
+            made = create(name, speech.engines.get(name, {}))
+        except NotFound as error:
+            raise ConfigError(f"{field}: {error.message}", field=field, advice=error.advice) from error
+        timed.append(TimedEngine(LimitedEngine(made, limit), speech.aligner, lambda: aligners.get(choice), limit))
+        if not speech.cache_mb:
+            return timed[-1]
+        caches.append(CachedEngine(timed[-1], round(speech.cache_mb * 1e6)))
+        return caches[-1]
+
+    _refuse_unknown(speech)
+    if speech.aligner not in (AUTO, NATIVE, *aligner_names()):
+        raise ConfigError(
+            f"speech.aligner: there is no aligner {speech.aligner!r}",
+            field="speech.aligner",
+            advice=f"Known: {', '.join((AUTO, NATIVE, *aligner_names()))}.",
+        )
+    engine = one(speech.engine, "speech.engine")
+    fallback = None
+    if speech.fallback:
+        engine = fallback = FallbackEngine(engine, one(speech.fallback, "speech.fallback"))
+    return Voicebox(engine, tuple(timed), tuple(caches), fallback)
+
+
+def _refuse_unknown(speech: SpeechSettings) -> None:
+    known = names()
+    for name in speech.engines:
+        if name not in known:
+            field = f"speech.engines.{name}"
+            raise ConfigError(f"{field}: there is no such engine", field=field, advice=f"Known: {', '.join(known)}.")
