@@ -173,12 +173,15 @@ def _shelf(settings: Settings) -> AvatarShelf:
 
 def _spoken(settings: Settings, text: str, preferred: str, voice: str | None, speed: float) -> Iterator[Speech]:
     """The pieces of a text, each spoken when it is asked for."""
+    from app.align.aligners import Aligners
     from app.tts.engine import check_configured, choose_voice
     from app.tts.narrate import narrate, plan
-    from app.tts.registry import create
+    from app.tts.voicebox import voicebox
 
-    planned = plan(sys.stdin.read() if text == "-" else text)
-    engine = create(settings.speech.engine)
+    planned = plan(sys.stdin.read() if text == "-" else text, lexicon=settings.speech.lexicon)
+    if planned.guessed:
+        _err.print(Text(f"pronounced by guess: {' '.join(planned.guessed)}"), soft_wrap=True)
+    engine = voicebox(settings.speech, settings.align, Aligners(settings.align.aligners)).engine
     check_configured(engine, settings.speech.voice)
     chosen = choose_voice(engine, voice or "", settings.speech.voice or preferred)
     engine.warm_up()

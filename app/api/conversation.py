@@ -36,7 +36,7 @@ from app.errors import Gone, InputError, MaryError, OverCapacity
 from app.stream.events import EventName
 from app.stream.live import LiveStream
 from app.stream.timeline import IdlePhase
-from app.stream.utterance import Script, Utterance
+from app.stream.utterance import Reading, Script, Utterance
 from app.tts.live_text import LiveText
 
 MAX_PROBLEMS = 50
@@ -198,7 +198,8 @@ class Conversation:
         if self._feed is None:
             voice = self._service.voice(message.voice, self._stream.avatar).id
             limit = self._service.settings.limits.text
-            text = LiveText(self._service.engine, voice=voice, speed=message.speed, limit=limit)
+            own = {**self._service.settings.speech.lexicon, **message.lexicon}
+            text = LiveText(self._service.engine, voice=voice, speed=message.speed, limit=limit, lexicon=own)
             await self._begin(text, Script(text.speeches()), message.phase)
             self._text = text
         feed = self._feed
@@ -233,9 +234,10 @@ class Conversation:
 
     async def _say(self, message: SayMessage) -> None:
         self._service.check_length(message.text)
-        voice = self._service.voice(message.voice, self._stream.avatar).id if message.voice else None
+        voice = self._service.voice(message.voice, self._stream.avatar).id if message.voice else ""
+        reading = Reading(voice, message.speed, message.lexicon, message.strict)
         utterance = self._stream.say(
-            message.text, interrupt=message.interrupt, voice=voice, speed=message.speed, phase=_phase(message.phase)
+            message.text, interrupt=message.interrupt, reading=reading, phase=_phase(message.phase)
         )
         if message.interrupt:
             self._cut()
@@ -275,7 +277,8 @@ class Conversation:
         return True
 
     async def _accept(self, utterance: Utterance) -> None:
-        await self._send({"type": "accepted", "utterance": utterance.id, "unread": list(utterance.unread)})
+        told = {"unread": list(utterance.unread), "guessed": list(utterance.guessed)}
+        await self._send({"type": "accepted", "utterance": utterance.id, **told})
 
     async def _object(self, document: dict[str, str | int]) -> None:
         self._problems += 1

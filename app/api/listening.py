@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Mapping
 from typing import BinaryIO
 
 from app.align import recognisers, registry
-from app.align.aligner import Aligner
+from app.align.aligners import Aligners
+from app.align.dictionary import read_lexicon
 from app.align.listen import Listened, align_recording, recognise_recording
 from app.align.live_sound import LiveSound
 from app.align.recogniser import Recogniser
@@ -23,21 +24,22 @@ LISTENED_WAITING = 8
 
 
 class Listening:
-    """Recordings are listened to one at a time. Nothing is loaded before it is needed; to be closed.
+    """Recordings are listened to one at a time. Nothing is loaded before it is needed.
 
     Args:
         settings: of the whole service.
+        aligners: to be closed by whoever made them.
 
     Attributes:
         live_seats: for sounds that are listened to while they are made; each takes a quarter of a core.
     """
 
-    def __init__(self, settings: Settings) -> None:
+    def __init__(self, settings: Settings, aligners: Aligners) -> None:
         self._settings = settings
+        self._aligners = aligners
         self._turns = Turns(1, LISTENED_WAITING)
         self.live_seats = Seats(settings.limits.live_sounds, "live sounds")
         self._lock = threading.Lock()
-        self._aligner: Aligner | None = None
         self._recogniser: Recogniser | None = None
 
     def check(self) -> None:
@@ -55,13 +57,14 @@ class Listening:
             if name not in known:
                 raise ConfigError(f"{field}: there is no {name!r}", field=field, advice=f"Known: {', '.join(known)}.")
 
-    async def recording(self, file: BinaryIO, text: str, *, strict: bool) -> Listened:
+    async def recording(self, file: BinaryIO, text: str, *, strict: bool, lexicon: Mapping[str, str]) -> Listened:
         """A recording as speech.
 
         Args:
             file: any sound file.
             text: what is said in it, all of it; empty if that is not known.
             strict: refuse a text that is probably not what is said.
+            lexicon: word to ARPAbet, before the service's own.
 
         Raises:
             InputError, TooLong: see `app.align.sound_file.read_sound` and `app.align.listen.align_recording`.
@@ -71,10 +74,13 @@ class Listening:
             OverCapacity: too many are waiting.
         """
 
+        own = read_lexicon({**self._settings.speech.lexicon, **lexicon})
+
         def listen() -> Listened:
             samples, rate = read_sound(file, longest=self._settings.limits.audio_seconds, name="the recording")
             if text.strip():
-                return align_recording(samples, rate, text, self._made_aligner(), strict=strict)
+                aligner = self._aligners.get(self._settings.align.engine)
+                return align_recording(samples, rate, text, aligner, strict=strict, lexicon=own)
             return recognise_recording(samples, rate, self._made_recogniser())
 
         async with self._turns:
@@ -100,18 +106,6 @@ class Listening:
             return LiveSound(recogniser, rate, transcript=transcript, limit=limit)
 
         return await in_thread(make)
-
-    def close(self) -> None:
-        """End what works in a process of its own; a recording in work fails."""
-        close: Callable[[], None] | None = getattr(self._aligner, "close", None)
-        if close is not None:
-            close()
-
-    def _made_aligner(self) -> Aligner:
-        with self._lock:
-            if self._aligner is None:
-                self._aligner = registry.create(self._settings.align.engine)
-            return self._aligner
 
     def _made_recogniser(self) -> Recogniser:
         with self._lock:

@@ -11,19 +11,20 @@ from typing import Any, Literal
 from fastapi.exceptions import RequestValidationError
 from pydantic import BaseModel, Field, ValidationError
 
-from app.api.schemas import Name, Phase, Request, Speed, Text
+from app.api.schemas import Lexicon, Name, Phase, Request, Speed, Strict, Text
 from app.errors import InputError
 
 Rate = Literal[16_000, 24_000, 48_000]
 
 
 class TextMessage(Request):
-    """More of a text that is being written; the first one begins an utterance, for which voice and speed are taken."""
+    """More of a text that is being written; the first one says with which voice, speed and lexicon."""
 
     type: Literal["text"]
     text: Text
     voice: Name | None = None
     speed: Speed = 1.0
+    lexicon: Lexicon = Field(default={})
     phase: Phase | None = None
 
 
@@ -62,6 +63,8 @@ class SayMessage(Request):
     interrupt: bool = False
     voice: Name | None = None
     speed: Speed = 1.0
+    lexicon: Lexicon = Field(default={})
+    strict: Strict = False
     phase: Phase | None = None
 
 

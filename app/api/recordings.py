@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from typing import Annotated
-from urllib.parse import quote
 
 from fastapi import APIRouter, Depends, Form, Request
 from fastapi.responses import FileResponse, Response
@@ -16,13 +15,13 @@ from starlette.types import Scope
 
 from app.align.listen import Listened, cut
 from app.api.middleware import FORM
-from app.api.render import HEADER_MOST, send_rendered
+from app.api.render import GUESSED_HEADER, listed, send_rendered
 from app.api.schemas import Recorded, RecordingAccepted, RecordingRequest, RenderRecordingRequest
 from app.api.service import LoadedService
 from app.stream.utterance import Script
 
-CONFIDENCE_HEADER, GUESSED_HEADER = "Mary-Confidence", "Mary-Guessed"
-"""How well the text fits, 0 to 1; words no dictionary has, percent-encoded and separated by commas."""
+CONFIDENCE_HEADER = "Mary-Confidence"
+"""How well the text fits, 0 to 1."""
 
 
 def carries_form(scope: Scope) -> bool:
@@ -60,8 +59,11 @@ async def speak(
     stream = service.streams.get(stream_id)
     stream.check_living()
     service.check_length(order.text)
-    listened = await service.listening.recording(order.audio.file, order.text, strict=order.strict)
-    utterance = stream.speak(Script(cut(listened.speech)), len(order.text), interrupt=order.interrupt)
+    listened = await service.listening.recording(
+        order.audio.file, order.text, strict=order.strict, lexicon=order.lexicon
+    )
+    script = Script(cut(listened.speech), guessed=listened.guessed)
+    utterance = stream.speak(script, len(order.text), interrupt=order.interrupt)
     return RecordingAccepted(
         utterance=Recorded(
             id=utterance.id,
@@ -81,7 +83,9 @@ async def render(
     """Speak a recording into an MP4 file, as fast as the machine can. When the caller hangs up, the work stops."""
     service.check_length(order.text)
     avatar = await service.avatar(order.avatar)
-    listened = await service.listening.recording(order.audio.file, order.text, strict=order.strict)
+    listened = await service.listening.recording(
+        order.audio.file, order.text, strict=order.strict, lexicon=order.lexicon
+    )
     return await send_rendered(request, service, avatar, lambda: cut(listened.speech), _headers(listened))
 
 
@@ -90,5 +94,5 @@ def _headers(listened: Listened) -> dict[str, str]:
     if listened.confidence is not None:
         headers[CONFIDENCE_HEADER] = f"{listened.confidence:.2f}"
     if listened.guessed:
-        headers[GUESSED_HEADER] = ", ".join(quote(word, safe="") for word in listened.guessed)[:HEADER_MOST]
+        headers[GUESSED_HEADER] = listed(listened.guessed)
     return headers

@@ -6,7 +6,7 @@ import asyncio
 import shutil
 import tempfile
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from urllib.parse import quote
 
@@ -22,14 +22,19 @@ from app.engine.avatar import Avatar
 from app.errors import OverCapacity
 from app.speech import Speech
 from app.stream.render import render_file
-from app.tts.narrate import narrate, plan
+from app.tts.narrate import narrate
 
 router = APIRouter(prefix="/v1", tags=["render"])
 
-UNREAD_HEADER = "Mary-Unread"
-"""What of the text could not be read aloud, percent-encoded and separated by commas; the body is the file."""
+UNREAD_HEADER, GUESSED_HEADER = "Mary-Unread", "Mary-Guessed"
+"""What of the text could not be read aloud, and words that no dictionary has, as `listed`; the body is the file."""
 HEADER_MOST = 2048
 """Characters of a header: proxies refuse long ones."""
+
+
+def listed(words: Sequence[str]) -> str:
+    """Words as a header: percent-encoded and separated by commas."""
+    return ", ".join(quote(word, safe="") for word in words)[:HEADER_MOST]
 
 
 class _AbandonedError(Exception):
@@ -51,12 +56,14 @@ class OnceFile(FileResponse):
 async def render(order: RenderRequest, request: Request, service: LoadedService) -> Response:
     """Speak a text into an MP4 file, as fast as the machine can. When the caller hangs up, the work stops."""
     service.check_length(order.text)
-    planned = plan(order.text)
+    planned = service.plan(order.text, order.lexicon, strict=order.strict)
     avatar = await service.avatar(order.avatar)
     voice = service.voice(order.voice, avatar).id
     headers = {}
     if planned.unread:
-        headers[UNREAD_HEADER] = ", ".join(quote(piece, safe="") for piece in planned.unread)[:HEADER_MOST]
+        headers[UNREAD_HEADER] = listed(planned.unread)
+    if planned.guessed:
+        headers[GUESSED_HEADER] = listed(planned.guessed)
 
     def speeches() -> Iterator[Speech]:
         return narrate(service.engine, planned, voice=voice, speed=order.speed)

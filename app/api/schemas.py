@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Annotated, Literal
 
 from fastapi import UploadFile
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, Json
 
 
 def _whole(text: str) -> str:
@@ -18,6 +18,17 @@ Name = Annotated[str, AfterValidator(_whole), Field(min_length=1, max_length=200
 Url = Annotated[str, AfterValidator(_whole), Field(min_length=1)]
 Token = Annotated[str, AfterValidator(_whole), Field(min_length=1, description="Bearer token of the WHIP server.")]
 Speed = Annotated[float, Field(ge=0.5, le=2.0, allow_inf_nan=False, description="1 is the voice's own pace.")]
+
+
+Lexicon = Annotated[
+    dict[Name, Name],
+    Field(
+        max_length=1000,
+        description="How words are to be said: ARPAbet, e.g. N UW Y EH N.",
+        examples=[{"Nguyen": "N UW Y EH N"}],
+    ),
+]
+Strict = Annotated[bool, Field(description="Refuse words whose pronunciation would have to be guessed.")]
 
 
 class Request(BaseModel):
@@ -42,6 +53,8 @@ class StreamRequest(Request):
     avatar: Name | None = None
     voice: Name | None = None
     speed: Speed = 1.0
+    lexicon: Lexicon = {}
+    strict: Strict = False
     start: Literal["viewer", "now"] = Field(
         default="viewer", description="viewer: speech waits for the first viewer, so that no word is lost."
     )
@@ -72,6 +85,8 @@ class SayRequest(Request):
     interrupt: bool = Field(default=False, description="Cut short what is being said and forget what is queued.")
     voice: Name | None = None
     speed: Speed = 1.0
+    lexicon: Lexicon = {}
+    strict: Strict = False
     phase: Phase | None = None
 
 
@@ -90,6 +105,8 @@ class RenderRequest(Request):
     avatar: Name | None = None
     voice: Name | None = None
     speed: Speed = 1.0
+    lexicon: Lexicon = {}
+    strict: Strict = False
 
 
 class _Form(BaseModel):
@@ -103,6 +120,7 @@ class RecordingRequest(_Form):
 
     audio: UploadFile = Field(description="WAV of any kind, FLAC, MP3, Ogg or M4A; 8 to 96 kHz; mixed to mono.")
     text: Text = Field(default="", description="What is said in it, all of it; without it the phones are recognised.")
+    lexicon: Json[Lexicon] = Field(default={}, description="As with say, as JSON.")
     strict: bool = Field(default=False, description="Refuse a text that is probably not what is said.")
     interrupt: bool = Field(default=False, description="Cut short what is being said and forget what is queued.")
 
@@ -112,6 +130,7 @@ class RenderRecordingRequest(_Form):
 
     audio: UploadFile
     text: Text = ""
+    lexicon: Json[Lexicon] = {}
     strict: bool = False
     avatar: Name | None = None
 
@@ -132,10 +151,12 @@ class Said(BaseModel):
 
     Attributes:
         unread: pieces of the text that will be left out, since they cannot be read aloud.
+        guessed: words whose pronunciation no dictionary has.
     """
 
     id: str
     unread: list[str]
+    guessed: list[str]
 
 
 class Urls(BaseModel):
@@ -198,12 +219,10 @@ class Recorded(Said):
     """A recording that was taken.
 
     Attributes:
-        guessed: words of the text whose pronunciation no dictionary has.
         confidence: 0 to 1, how well the text fits; null without a text.
         doubtful: the text is probably not what is said.
     """
 
-    guessed: list[str]
     confidence: float | None
     doubtful: bool
 
@@ -239,6 +258,7 @@ class UtteranceReport(BaseModel):
     state: Literal["queued", "speaking", "done", "interrupted", "failed"]
     characters: int
     unread: list[str]
+    guessed: list[str]
     media: MediaTimes | None
     timings: dict[str, float]
     error: str | None = None

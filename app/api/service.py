@@ -4,25 +4,26 @@ from __future__ import annotations
 
 import asyncio
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Annotated, TypeVar
 
 import structlog
 from fastapi import Depends, Request
 
+from app.align.aligners import Aligners
 from app.api.listening import Listening
 from app.api.threads import in_thread
 from app.api.turns import Turns
 from app.config import Settings
 from app.engine.avatar import Avatar, AvatarShelf
 from app.engine.pool import OrderedPool
-from app.errors import BadPack, MaryError, OverCapacity, TooLong
+from app.errors import BadPack, InputError, MaryError, OverCapacity, TooLong
 from app.stream.streams import Streams
-from app.stream.utterance import Script
+from app.stream.utterance import Reading, Script
 from app.tts.engine import SpeechEngine, Voice, check_configured, choose_voice
-from app.tts.narrate import narrate, plan
-from app.tts.registry import create
+from app.tts.narrate import Plan, narrate, plan
+from app.tts.voicebox import Voicebox, voicebox
 
 RENDERS_AT_ONCE = max(1, (os.cpu_count() or 1) // 2)
 """Files rendered at the same time; the other cores are for live streams."""
@@ -42,7 +43,8 @@ class Service:
         settings: of the whole service.
 
     Attributes:
-        shelf, engine, pool, streams: there once `loaded` has returned.
+        shelf, voicebox, pool, streams: there once `loaded` has returned.
+        aligners: find phones in recordings, and in speech that comes without.
         listening: hears recordings and live sound.
         render_turns: who may render a file now.
         closing: set when the service begins to end; long work is given up then.
@@ -51,13 +53,14 @@ class Service:
     """
 
     shelf: AvatarShelf
-    engine: SpeechEngine
+    voicebox: Voicebox
     pool: OrderedPool
     streams: Streams
 
     def __init__(self, settings: Settings) -> None:
         self.settings = settings
-        self.listening = Listening(settings)
+        self.aligners = Aligners(settings.align.aligners)
+        self.listening = Listening(settings, self.aligners)
         self.render_turns = Turns(RENDERS_AT_ONCE, RENDERS_WAITING)
         self.failure: Exception | None = None
         self.on_failure: Callable[[], None] = lambda: None
@@ -69,6 +72,11 @@ class Service:
     def start(self) -> None:
         """Begin to load, on the running event loop; returns at once."""
         self._loading = asyncio.create_task(self._load())
+
+    @property
+    def engine(self) -> SpeechEngine:
+        """What speaks."""
+        return self.voicebox.engine
 
     @property
     def ready(self) -> bool:
@@ -96,7 +104,8 @@ class Service:
         if self._ready:
             await self.streams.close()
             self.pool.close()
-        await in_thread(self.listening.close)
+            await in_thread(self.engine.close)
+        await in_thread(self.aligners.close)
 
     async def avatar(self, name: str | None) -> Avatar:
         """The avatar called `name`, loaded; the default one for None.
@@ -142,15 +151,32 @@ class Service:
                 advice="Say it in parts: POST /v1/streams/{id}/say queues them one after another.",
             )
 
-    def _narrator(self, text: str, voice: str, speed: float) -> Script:
-        planned = plan(text)
-        return Script(narrate(self.engine, planned, voice=voice, speed=speed), planned.unread)
+    def plan(self, text: str, lexicon: Mapping[str, str], *, strict: bool) -> Plan:
+        """What will be said of a text, with the service's own lexicon behind that of the caller.
+
+        Raises:
+            NothingToSay: nothing of it can be read.
+            InputError: the lexicon is wrong, or (`strict`) a pronunciation had to be guessed.
+        """
+        planned = plan(text, lexicon={**self.settings.speech.lexicon, **lexicon})
+        if strict and planned.guessed:
+            raise InputError(
+                f"no dictionary has {', '.join(planned.guessed)[:200]}",
+                field="text",
+                advice="Give the pronunciation in lexicon, or do without strict.",
+            )
+        return planned
+
+    def _narrator(self, text: str, reading: Reading) -> Script:
+        planned = self.plan(text, reading.lexicon, strict=reading.strict)
+        speeches = narrate(self.engine, planned, voice=reading.voice, speed=reading.speed)
+        return Script(speeches, planned.unread, planned.guessed)
 
     async def _load(self) -> None:
         settings = self.settings
         try:
             self.shelf = AvatarShelf(settings.avatars.folder, settings.engine.renderer, settings.avatars.default)
-            self.engine = await in_thread(create, settings.speech.engine)
+            self.voicebox = await in_thread(voicebox, settings.speech, settings.align, self.aligners)
             check_configured(self.engine, settings.speech.voice)
             self.listening.check()
             await in_thread(self.shelf.get, self.shelf.default)

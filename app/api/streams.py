@@ -28,8 +28,7 @@ from app.api.schemas import (
 from app.api.service import LoadedService
 from app.stream.live import LiveStream, StreamOptions
 from app.stream.timeline import IdlePhase
-from app.stream.utterance import Utterance
-from app.tts.narrate import plan
+from app.stream.utterance import Reading, Utterance
 
 router = APIRouter(prefix="/v1/streams", tags=["streams"])
 _JSON = [Depends(takes_json)]
@@ -43,7 +42,7 @@ async def create(
     order = order or StreamRequest()
     if order.text is not None:  # what will be refused must be so before there is a stream
         service.check_length(order.text)
-        plan(order.text)
+        service.plan(order.text, order.lexicon, strict=order.strict)
     avatar = await service.avatar(order.avatar)
     voice = service.voice(order.voice, avatar)
     pushes, rtmp = targets(order, service.settings.push)
@@ -56,7 +55,8 @@ async def create(
     )
     utterance = None
     if order.text is not None:
-        utterance = stream.say(order.text, speed=order.speed, phase=_phase(order.phase))
+        reading = Reading(speed=order.speed, lexicon=order.lexicon, strict=order.strict)
+        utterance = stream.say(order.text, reading=reading, phase=_phase(order.phase))
     here = f"/v1/streams/{stream.id}"
     response.headers.update({"Location": here, "Cache-Control": "no-store"})
     manifest = avatar.manifest
@@ -94,10 +94,9 @@ async def say(stream_id: str, order: SayRequest, service: LoadedService) -> SayA
     """Say more: after what is being said, or (`interrupt`) instead of it."""
     stream = service.streams.get(stream_id)
     service.check_length(order.text)
-    voice = service.voice(order.voice, stream.avatar).id if order.voice else None
-    utterance = stream.say(
-        order.text, interrupt=order.interrupt, voice=voice, speed=order.speed, phase=_phase(order.phase)
-    )
+    voice = service.voice(order.voice, stream.avatar).id if order.voice else ""
+    reading = Reading(voice, order.speed, order.lexicon, order.strict)
+    utterance = stream.say(order.text, interrupt=order.interrupt, reading=reading, phase=_phase(order.phase))
     return SayAccepted(utterance=_said(utterance), server_time_ms=_now_ms())
 
 
@@ -134,7 +133,7 @@ def _phase(phase: Phase | None) -> IdlePhase | None:
 
 
 def _said(utterance: Utterance) -> Said:
-    return Said(id=utterance.id, unread=list(utterance.unread))
+    return Said(id=utterance.id, unread=list(utterance.unread), guessed=list(utterance.guessed))
 
 
 def _report(stream: LiveStream) -> StreamReport:
@@ -153,6 +152,7 @@ def _report(stream: LiveStream) -> StreamReport:
                 state=utterance.state,
                 characters=utterance.characters,
                 unread=list(utterance.unread),
+                guessed=list(utterance.guessed),
                 media=MediaTimes(start=utterance.media[0], end=utterance.media[1]) if utterance.media else None,
                 timings=dict(utterance.timings.items()),
                 error=utterance.error or None,

@@ -7,7 +7,7 @@ import logging
 import secrets
 import time
 from collections.abc import AsyncIterator, Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -25,7 +25,7 @@ from app.stream.push.target import PushTarget
 from app.stream.seats import Seats
 from app.stream.timeline import IdlePhase
 from app.stream.timing import LatencyLog, LoggedUtterance
-from app.stream.utterance import Narrator, Script, Utterance, UtteranceReport
+from app.stream.utterance import Narrator, Reading, Script, Utterance, UtteranceReport
 from app.stream.utterances import Utterances
 from app.stream.whep import WhepViewer
 
@@ -149,8 +149,7 @@ class LiveStream:
         text: str,
         *,
         interrupt: bool = False,
-        voice: str | None = None,
-        speed: float = 1.0,
+        reading: Reading | None = None,
         phase: IdlePhase | None = None,
     ) -> Utterance:
         """Queue a text; returns at once, the work happens in the background.
@@ -158,17 +157,17 @@ class LiveStream:
         Args:
             text: what to say.
             interrupt: cut short what is being said and forget what is queued.
-            voice: another voice than the stream's.
-            speed: 1 = the voice's own pace.
+            reading: how; by default with the stream's voice.
             phase: where the page's idle clip is, if it shows one.
 
         Raises:
             Gone: the stream has ended.
-            NothingToSay, InputError, NotFound: what the narrator says about text, speed or voice.
+            NothingToSay, InputError, NotFound: what the narrator says about the text or how to read it.
             OverCapacity: too much is queued.
         """
         self._living()
-        script = self._narrator(text, voice or self.voice, speed)
+        reading = reading or Reading()
+        script = self._narrator(text, replace(reading, voice=reading.voice or self.voice))
         return self.speak(script, len(text), interrupt=interrupt, phase=phase)
 
     def speak(
@@ -186,7 +185,7 @@ class LiveStream:
             OverCapacity: too much is queued.
         """
         production = self._living()
-        utterance = Utterance(characters, script.unread, phase)
+        utterance = Utterance(characters, script.unread, script.guessed, phase)
         production.say(script, utterance, interrupt=interrupt)
         self._latency.add(LoggedUtterance(self.id, utterance.id, utterance.characters, utterance.timings))
         return utterance

@@ -28,6 +28,8 @@ from app.stream.utterances import Utterances
 
 MAX_QUEUED = 16
 """Utterances that may wait; one more is refused."""
+HANGS_AFTER = 2.5
+"""Times `speech.seconds`, which an engine and the one behind it have each (`app.tts.limit`): then something hangs."""
 MAX_NARRATIONS = 2
 """Threads of a stream inside the speech engine: one that works, and one that was given up and does not return."""
 
@@ -75,6 +77,7 @@ class Program:
         self._video = video
         self._audio = audio
         self._settings = settings
+        self._limit = HANGS_AFTER * settings.speech.seconds
         self._events = events
         self._cues = Cues(events, captions)
         self._make_timeline = make_timeline
@@ -197,7 +200,7 @@ class Program:
         await asyncio.gather(*(asyncio.to_thread(each.remove) for each in unfinished), return_exceptions=True)
         await asyncio.gather(*self._finishing, return_exceptions=True)
         for narration in self._narrations:
-            self._loop.call_later(self._settings.speech.seconds, _report_left, narration.thread)
+            self._loop.call_later(self._limit, _report_left, narration.thread)
 
     # --- speech -------------------------------------------------------------------------------------------------------
 
@@ -218,7 +221,7 @@ class Program:
         return len(self._narrations) < MAX_NARRATIONS and all(map(self._hangs, self._narrations))
 
     def _hangs(self, narration: Narration) -> bool:
-        return narration.seconds_on_piece >= self._settings.speech.seconds
+        return narration.seconds_on_piece >= self._limit
 
     def _deliverer(self, utterance: Utterance) -> Callable[[Piece | BaseException | None], None]:
         def deliver(piece: Piece | BaseException | None) -> None:
@@ -239,7 +242,7 @@ class Program:
         self._on_change()
 
     def _check_narrations(self) -> None:
-        limit = self._settings.speech.seconds
+        limit = self._limit
         hanging = [each for each in self._narrations if not each.ended and self._hangs(each)]
         for utterance in self._unnarrated():
             if utterance.narration in hanging:

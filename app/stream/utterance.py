@@ -5,7 +5,7 @@ from __future__ import annotations
 import secrets
 import time
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -29,14 +29,33 @@ class Script:
         speeches: makes the speech piece by piece when it is iterated; that blocks, and may raise `MaryError`. None says
             that there is nothing yet, and is to come within a moment.
         unread: what of the text cannot be read.
+        guessed: words of the text that no dictionary has.
     """
 
     speeches: Iterator[Speech | None]
     unread: tuple[str, ...] = ()
+    guessed: tuple[str, ...] = ()
 
 
-Narrator = Callable[[str, str, float], Script]
-"""Text, voice, speed -> Script. Quick; raises NothingToSay, InputError or NotFound (voice)."""
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """How a text is to be read.
+
+    Attributes:
+        voice: to speak with; empty: the stream's.
+        speed: 1 = the voice's own pace.
+        lexicon: word to ARPAbet, for words that would be said otherwise.
+        strict: refuse words whose pronunciation had to be guessed.
+    """
+
+    voice: str = ""
+    speed: float = 1.0
+    lexicon: Mapping[str, str] = field(default_factory=dict)
+    strict: bool = False
+
+
+Narrator = Callable[[str, Reading], Script]
+"""Text, how to read it -> Script. Quick; raises NothingToSay, InputError or NotFound (voice)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,6 +67,7 @@ class UtteranceReport:
     state: UtteranceState
     characters: int
     unread: tuple[str, ...]
+    guessed: tuple[str, ...]
     media: tuple[float, float | None] | None
     timings: dict[Stage, float]
     error: str
@@ -64,6 +84,7 @@ class Utterance:
     Attributes:
         characters: length of the text, which itself is not kept.
         unread: what of it cannot be read.
+        guessed: words of it that no dictionary has.
         phase: where the page's idle clip was when it was asked for.
         id: 128 random bits.
         state: "queued" until its first frame has its place, "speaking" until the clock has passed its last one.
@@ -83,6 +104,7 @@ class Utterance:
 
     characters: int
     unread: tuple[str, ...] = ()
+    guessed: tuple[str, ...] = ()
     phase: IdlePhase | None = None
     id: str = field(default_factory=lambda: secrets.token_urlsafe(16))
     state: UtteranceState = "queued"
@@ -128,4 +150,6 @@ class Utterance:
         if self.start is not None:
             media = (self.start / FPS, None if self.end is None else self.end / FPS)
         timings = self.timings.milliseconds()
-        return UtteranceReport(self.id, self.state, self.characters, self.unread, media, timings, self.error)
+        return UtteranceReport(
+            self.id, self.state, self.characters, self.unread, self.guessed, media, timings, self.error
+        )

@@ -48,7 +48,8 @@ async def test_what_cannot_be_loaded_is_reported() -> None:
     with pytest.raises(OverCapacity):
         await service.loaded()
     assert told.is_set()
-    assert isinstance(service.failure, NotFound)
+    assert isinstance(service.failure, ConfigError)
+    assert "speech.engine: there is no speech engine 'parrot'" in service.failure.message
     await service.close()
 
 

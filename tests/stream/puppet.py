@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from app.errors import NothingToSay
 from app.speech import SILENCE, Phone, Speech
-from app.stream.utterance import Script
+from app.stream.utterance import Reading, Script
 
 SIZE = 64
 RATE = 22_050
@@ -93,7 +93,7 @@ class TinyNarrator:
         self.gate = threading.Event()
         self.spoken: list[str] = []
 
-    def __call__(self, text: str, voice: str, speed: float) -> Script:  # noqa: ARG002
+    def __call__(self, text: str, reading: Reading) -> Script:  # noqa: ARG002
         if not text.strip():
             raise NothingToSay("nothing")
         return Script(self._speak(text.split()), ("☃",) if "☃" in text else ())
