@@ -6,7 +6,7 @@ import os
 import runpy
 import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
@@ -24,6 +24,7 @@ from app.speech import Speech
 
 if TYPE_CHECKING:
     from app.engine.avatar import AvatarShelf
+    from app.tts.engine import Voice
 
 # The parts behind the commands (codecs, models, compiled loops) are imported when a command needs them: `mary --help`
 # and a wrong option answer at once.
@@ -96,9 +97,14 @@ def say(
     avatar: Annotated[str | None, typer.Option(help="See: mary avatars.")] = None,
     voice: Annotated[str | None, typer.Option(help="See: mary voices.")] = None,
     speed: Annotated[float, typer.Option(min=0.5, max=2.0, help="1 is the voice's own pace.")] = 1.0,
+    lexicon: Annotated[
+        list[str] | None, typer.Option(help='How a word is said, WORD=PHONES, e.g. "Nguyen=N UW Y EH N"; repeatable.')
+    ] = None,
     audio: Annotated[Path | None, typer.Option(help="Speak with this recording instead of a voice.")] = None,
     said: Annotated[str, typer.Option("--text", help="What the recording says; - reads it. Without: is heard.")] = "",
-    strict: Annotated[bool, typer.Option("--strict", help="Refuse a text that is not what it says.")] = False,
+    strict: Annotated[
+        bool, typer.Option("--strict", help="Refuse words no dictionary has, or what the recording does not say.")
+    ] = False,
     phones: Annotated[
         Path | None, typer.Option(help="Its phones: JSON list of [symbol, start, end], ARPAbet, seconds.")
     ] = None,
@@ -106,7 +112,7 @@ def say(
     config: ConfigOption = None,
 ) -> None:
     """Render a text, or a recording with its text, with its phone times, or alone, into an MP4 file."""
-    settings = load(config)
+    settings = _with_lexicon(load(config), lexicon or [])
     if text and said:
         raise InputError("the text is given twice", advice="Give it once, with --text or without.")
     text = text or said
@@ -133,7 +139,7 @@ def say(
             progress.update(task, description="listening")
             speeches = _recorded(settings, audio, text, strict)
         else:
-            speeches = _spoken(settings, text, face.manifest.voice, voice, speed)
+            speeches = _spoken(settings, text, face.manifest.voice, voice, speed, strict)
         unread: list[str] = []
         seconds = 0.0
 
@@ -165,13 +171,30 @@ def say(
     _out.print(Text(f"{output}: {seconds:.1f} s"), soft_wrap=True)
 
 
+def _with_lexicon(settings: Settings, entries: Sequence[str]) -> Settings:
+    """The settings with pronunciations of WORD=PHONES put before their own."""
+    from app.align.dictionary import read_lexicon
+
+    given = {}
+    for entry in entries:
+        word, equals, said = entry.partition("=")
+        if not equals:
+            raise InputError(f"--lexicon takes WORD=PHONES, not {entry!r}", advice='--lexicon "Nguyen=N UW Y EH N"')
+        given[word] = said
+    read_lexicon(given)
+    merged = settings.speech.model_copy(update={"lexicon": {**settings.speech.lexicon, **given}})
+    return settings.model_copy(update={"speech": merged})
+
+
 def _shelf(settings: Settings) -> AvatarShelf:
     from app.engine.avatar import AvatarShelf
 
     return AvatarShelf(settings.avatars.folder, settings.engine.renderer, settings.avatars.default)
 
 
-def _spoken(settings: Settings, text: str, preferred: str, voice: str | None, speed: float) -> Iterator[Speech]:
+def _spoken(
+    settings: Settings, text: str, preferred: str, voice: str | None, speed: float, strict: bool
+) -> Iterator[Speech]:
     """The pieces of a text, each spoken when it is asked for."""
     from app.align.aligners import Aligners
     from app.tts.engine import check_configured, choose_voice
@@ -179,6 +202,10 @@ def _spoken(settings: Settings, text: str, preferred: str, voice: str | None, sp
     from app.tts.voicebox import voicebox
 
     planned = plan(sys.stdin.read() if text == "-" else text, lexicon=settings.speech.lexicon)
+    if planned.guessed and strict:
+        raise InputError(
+            f"no dictionary has {', '.join(planned.guessed)}", field="text", advice="Say how with --lexicon."
+        )
     if planned.guessed:
         _err.print(Text(f"pronounced by guess: {' '.join(planned.guessed)}"), soft_wrap=True)
     engine = voicebox(settings.speech, settings.align, Aligners(settings.align.aligners)).engine
@@ -190,7 +217,9 @@ def _spoken(settings: Settings, text: str, preferred: str, voice: str | None, sp
 
 def _recorded(settings: Settings, audio: Path, text: str, strict: bool) -> Iterator[Speech]:
     """The pieces of a recording, its phones found by its text, or heard."""
-    from app.align import recognisers, registry
+    from app.align import recognisers
+    from app.align.aligners import Aligners
+    from app.align.dictionary import read_lexicon
     from app.align.listen import align_recording, cut, recognise_recording
     from app.align.sound_file import read_sound
 
@@ -198,7 +227,10 @@ def _recorded(settings: Settings, audio: Path, text: str, strict: bool) -> Itera
     samples, rate = read_sound(audio, longest=settings.limits.audio_seconds)
     if not said.strip():
         return cut(recognise_recording(samples, rate, recognisers.create(settings.align.recogniser)).speech)
-    listened = align_recording(samples, rate, said, registry.create(settings.align.engine), strict=strict)
+    aligner = Aligners(settings.align.aligners).get(settings.align.engine)
+    listened = align_recording(
+        samples, rate, said, aligner, strict=strict, lexicon=read_lexicon(settings.speech.lexicon)
+    )
     if listened.guessed:
         _err.print(Text(f"pronounced by guess: {' '.join(listened.guessed)}"), soft_wrap=True)
     if listened.doubtful:
@@ -208,15 +240,30 @@ def _recorded(settings: Settings, audio: Path, text: str, strict: bool) -> Itera
 
 
 @app.command()
-def voices(config: ConfigOption = None) -> None:
+def voices(
+    everything: Annotated[bool, typer.Option("--all", help="Of every engine, whether in use or not.")] = False,
+    config: ConfigOption = None,
+) -> None:
     """List the voices of the speech engine."""
     from app.tts.registry import create
+    from app.tts.voices import every_voice
 
-    engine = create(load(config).speech.engine)
-    table = Table("voice", "name", "language", "sex", "licence", "", box=None, pad_edge=False)
-    for voice in engine.voices():
-        note = "" if voice.installed else f"needs {voice.missing}"
-        table.add_row(voice.id, voice.name, voice.language, voice.sex, voice.licence, note)
+    speech = load(config).speech
+    table = Table("engine", "voice", "name", "language", "sex", "Hz", "licence", "", box=None, pad_edge=False)
+
+    def add(voices: Iterable[Voice]) -> None:
+        for each in voices:
+            note = "" if each.installed else f"needs {each.missing}"
+            cells = (each.engine, each.id, each.name, each.language, each.sex, f"{each.rate:,}", each.licence, note)
+            table.add_row(*map(Text, cells))
+
+    if everything:
+        for found in every_voice(speech.engines):
+            add(found.voices)
+            if found.missing:
+                table.add_row(found.engine, *[""] * 6, Text(found.missing))
+    else:
+        add(create(speech.engine, speech.engines.get(speech.engine, {})).voices())
     _out.print(table)
 
 

@@ -197,3 +197,15 @@ def test_voices_and_avatars_are_listed(mary) -> None:
     listed = mary("avatars").stdout
     assert "mary" in listed
     assert "512x512" in listed
+
+
+def test_words_that_no_dictionary_has_are_told_refused_or_given(mary, tmp_path: Path) -> None:
+    film = str(tmp_path / "word.mp4")
+    assert "pronounced by guess: Qwyxzk" in mary("say", "Hi, Qwyxzk.", "-o", film).stderr
+    refused = mary("say", "Hi, Qwyxzk.", "-o", film, "--strict")
+    assert refused.returncode == 2
+    assert "no dictionary has Qwyxzk" in refused.stderr
+    given = mary("say", "Hi, Qwyxzk.", "-o", film, "--strict", "--lexicon", "Qwyxzk=K W IH K S")
+    assert (given.returncode, given.stderr) == (0, "")
+    for wrong in ("Qwyxzk", "Qwyxzk=K XX"):
+        assert mary("say", "Hi.", "-o", film, "--lexicon", wrong).returncode == 2

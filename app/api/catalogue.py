@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import asdict
+from typing import Annotated
 
-from fastapi import APIRouter
+from fastapi import APIRouter, Query
 from fastapi.responses import FileResponse
 
-from app.api.schemas import AvatarEntry, Avatars, VoiceEntry, Voices
+from app.api.schemas import AvatarEntry, Avatars, EngineEntry, VoiceEntry, Voices
 from app.api.service import LoadedService
 from app.api.threads import in_thread
+from app.tts.voices import every_voice
 
 router = APIRouter(tags=["catalogue"])
 
@@ -50,7 +52,14 @@ async def preview(avatar: str, service: LoadedService) -> FileResponse:
 
 
 @router.get("/v1/voices")
-async def voices(service: LoadedService) -> Voices:
-    """All voices of the speech engine in use; the default one is that of the default avatar."""
+async def voices(service: LoadedService, all_engines: Annotated[bool, Query(alias="all")] = False) -> Voices:
+    """All voices of the speech engine in use, the default one that of the default avatar; or those of all engines."""
     default = service.voice(None, await service.avatar(None))
-    return Voices(default=default.id, voices=[VoiceEntry(**asdict(voice)) for voice in service.engine.voices()])
+    if not all_engines:
+        shown, engines = service.engine.voices(), None
+    else:
+        found = await in_thread(every_voice, service.settings.speech.engines)
+        shown = tuple(voice for each in found for voice in each.voices)
+        engines = [EngineEntry(name=each.engine, missing=each.missing) for each in found]
+    entries = [VoiceEntry(**asdict(voice)) for voice in shown]
+    return Voices(default=default.id, engine=service.engine.name, voices=entries, engines=engines)

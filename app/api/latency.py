@@ -6,9 +6,10 @@ from dataclasses import asdict
 
 from fastapi import APIRouter
 
-from app.api.schemas import Latency, LatencyEntry, StagePercentiles
+from app.api.schemas import Latency, LatencyEntry, SpeechCounts, StagePercentiles
 from app.api.service import LoadedService
 from app.stream.timing import stage_percentiles
+from app.tts.voicebox import EngineCounts
 
 router = APIRouter(tags=["latency"])
 
@@ -19,6 +20,7 @@ async def latency(service: LoadedService) -> Latency:
     # Read once: an utterance under way goes on reaching stages, and the two halves must tell of the same moment.
     read = [(entry, entry.timings.milliseconds()) for entry in service.streams.latency.utterances()]
     return Latency(
+        speech=[_counts(each) for each in service.voicebox.counts()],
         stages={
             stage: StagePercentiles(**asdict(percentiles))
             for stage, percentiles in stage_percentiles(timings for _, timings in read).items()
@@ -28,3 +30,7 @@ async def latency(service: LoadedService) -> Latency:
             for entry, timings in read
         ],
     )
+
+
+def _counts(each: EngineCounts) -> SpeechCounts:
+    return SpeechCounts(engine=each.engine, **asdict(each.times), remembered=each.remembered, fallback=each.fallback)

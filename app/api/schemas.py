@@ -320,11 +320,20 @@ class VoiceEntry(BaseModel):
     missing: str
 
 
+class EngineEntry(BaseModel):
+    """A speech engine; `missing` says why it cannot speak here, and what to do about it."""
+
+    name: str
+    missing: str
+
+
 class Voices(BaseModel):
-    """All voices of the speech engine in use."""
+    """Voices; `engine` is the speech engine in use, `engines` are all there are, if all were asked for."""
 
     default: str
+    engine: str
     voices: list[VoiceEntry]
+    engines: list[EngineEntry] | None = Field(default=None, exclude_if=lambda engines: engines is None)
 
 
 class StagePercentiles(BaseModel):
@@ -334,6 +343,29 @@ class StagePercentiles(BaseModel):
     p95: float
     p99: float
     n: int
+
+
+class SpeechCounts(BaseModel):
+    """Sentences of one speech engine: where their phone times came from, and how often they came from memory.
+
+    Attributes:
+        native, aligned: with the engine's own times, with an aligner's.
+        unsound: whose own times were refused.
+        unaligned: that no aligner could align.
+        checked, disagreed: compared with an aligner's times; more than a picture away in the median.
+        remembered: that had been spoken before.
+        fallback: spoken since another engine had failed.
+    """
+
+    engine: str
+    native: int
+    aligned: int
+    unsound: int
+    unaligned: int
+    checked: int
+    disagreed: int
+    remembered: int
+    fallback: int
 
 
 class LatencyEntry(BaseModel):
@@ -348,4 +380,5 @@ class Latency(BaseModel):
     """How long every stage takes, over all streams."""
 
     stages: dict[str, StagePercentiles]
+    speech: list[SpeechCounts]
     utterances: list[LatencyEntry]

@@ -16,15 +16,32 @@ from app.tts.speech_cache import CachedEngine
 from app.tts.timed import AUTO, NATIVE, TimedEngine, TimesCount
 
 
+@dataclass(frozen=True, slots=True)
+class EngineCounts:
+    """Sentences of one engine.
+
+    Attributes:
+        engine: its name.
+        times: where their phone times came from.
+        remembered: those that had been spoken before.
+        fallback: those that it spoke since another engine had failed.
+    """
+
+    engine: str
+    times: TimesCount
+    remembered: int
+    fallback: int
+
+
 @dataclass(frozen=True)
 class Voicebox:
     """What `voicebox` makes.
 
     Attributes:
         engine: to speak with.
-        timed: of each engine in it, in order.
+        timed: of each engine in it: the one of the settings, then its fallback if there is one.
         caches: likewise; none if nothing is remembered.
-        fallback: the one that may step in, None if none is configured.
+        fallback: what changes from one to the other, None if there is no other.
     """
 
     engine: SpeechEngine
@@ -32,9 +49,14 @@ class Voicebox:
     caches: tuple[CachedEngine, ...]
     fallback: FallbackEngine | None
 
-    def counts(self) -> dict[str, TimesCount]:
-        """Where the phone times of each engine came from."""
-        return {each.name: each.count for each in self.timed}
+    def counts(self) -> tuple[EngineCounts, ...]:
+        """Of each engine, in the order of `timed`."""
+        hits = [cache.hits for cache in self.caches] or [0] * len(self.timed)
+        spoken = (0, self.fallback.count if self.fallback else 0)
+        return tuple(
+            EngineCounts(each.name, each.count, remembered, instead)
+            for each, remembered, instead in zip(self.timed, hits, spoken, strict=False)
+        )
 
 
 def voicebox(speech: SpeechSettings, align: AlignSettings, aligners: Aligners) -> Voicebox:

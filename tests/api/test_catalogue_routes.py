@@ -7,7 +7,7 @@ from pathlib import Path
 import av
 import pytest
 
-from app.tts.registry import create
+from app.tts.registry import create, names
 
 AVATARS = Path(__file__).resolve().parents[2] / "avatars"
 
@@ -85,6 +85,14 @@ def test_voices_are_listed(server: str, curl) -> None:
     assert listed["voices"][0].keys() == {
         "id", "name", "language", "sex", "rate", "licence", "engine", "installed", "missing"
     }  # fmt: skip
+
+
+def test_voices_of_all_engines_are_listed(server: str, curl) -> None:
+    listed = curl(f"{server}/v1/voices?all=true").json()
+    assert listed["engine"] == "mock"
+    assert [engine["name"] for engine in listed["engines"]] == list(names())
+    assert {"hibari", "mock"} <= {voice["engine"] for voice in listed["voices"]}
+    assert not next(engine for engine in listed["engines"] if engine["name"] == "hibari")["missing"]
 
 
 def test_a_voice_that_is_not_installed_is_refused(

@@ -14,6 +14,10 @@ def test_every_stage_of_the_last_utterances(server: str, curl) -> None:
             break
         assert time.monotonic() < give_up
         time.sleep(0.05)
+    (counts,) = table["speech"]
+    assert counts["engine"] == "mock"
+    assert counts["native"] >= 1
+    assert counts["fallback"] == 0
     assert entry["characters"] == 9
     assert made["id"] not in str(table), "a stream's address is the key to it"
     for stage in ("speech", "trajectory", "first_frame", "first_packet"):
