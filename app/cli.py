@@ -320,6 +320,22 @@ def train(
     )  # fmt: skip
 
 
+@app.command("evaluate-alignment")
+def evaluate_alignment(
+    recordings: Annotated[
+        list[Path] | None, typer.Argument(help="Videos whose words have times (.align, .TextGrid), or their folders.")
+    ] = None,
+    sentences: Annotated[int, typer.Option(min=1, max=10_000, help="How many to speak.")] = 100,
+    figures: Annotated[Path | None, typer.Option("--json", help="Also write the figures to this file.")] = None,
+    config: ConfigOption = None,
+) -> None:
+    """Measure how right the phone times of every engine and aligner are that is installed."""
+    settings = load(config)
+    from app.commands.evaluate_alignment import run
+
+    run(settings, recordings or [], count=sentences, figures=figures, out=_out, err=_err)
+
+
 @app.command()
 def evaluate(
     videos: Annotated[list[Path], typer.Argument(help="Videos of the avatar's talker, or folders of them.")],

@@ -16,7 +16,7 @@ FAR = 40.0  # ms: one picture at 25 a second
 
 @dataclass(frozen=True, slots=True)
 class Starts:
-    """How far starts of words lie from the corpus's own.
+    """How far starts of words or phones lie from those that are taken for right.
 
     Attributes:
         count: how many.
@@ -65,7 +65,7 @@ def agreement(spoken: Sequence[SpokenClip]) -> Agreement | None:
         for number, ours, theirs in _matches(clip.words, clip.given):
             (inner if number else onsets).append(1000 * (ours.start - theirs.start))
     words = len(inner) + len(onsets)
-    return Agreement(words, _starts(inner), _starts(onsets)) if words else None
+    return Agreement(words, starts(inner), starts(onsets)) if words else None
 
 
 def _matches(words: Sequence[Word], given: Sequence[Word]) -> Iterator[tuple[int, Word, Word]]:
@@ -76,7 +76,8 @@ def _matches(words: Sequence[Word], given: Sequence[Word]) -> Iterator[tuple[int
             yield block.b + at, words[block.a + at], given[block.b + at]
 
 
-def _starts(errors: Sequence[float]) -> Starts | None:
+def starts(errors: Sequence[float]) -> Starts | None:
+    """Statistics of signed distances in milliseconds; None of none."""
     if not errors:
         return None
     distances = np.abs(errors)

@@ -75,12 +75,16 @@ class PocketSphinxAligner:
         dictionary: pronounces the words; a plain `Dictionary` if none is given.
         time_limit: seconds for one request to the process (sound longer than `LONGEST` takes several); in proportion to
             the sound if none is given.
+        shift: seconds by which its times are taken to be early; 0 to measure that.
     """
 
     name = "pocketsphinx"
 
-    def __init__(self, dictionary: Dictionary | None = None, *, time_limit: float | None = None) -> None:
+    def __init__(
+        self, dictionary: Dictionary | None = None, *, time_limit: float | None = None, shift: float = SHIFT
+    ) -> None:
         self._dictionary = dictionary or Dictionary()
+        self._shift = shift
         self.time_limit = time_limit
         self._lock = threading.Lock()
         self._closing = threading.Event()
@@ -154,8 +158,8 @@ class PocketSphinxAligner:
         end = origin + len(sound) / RATE
         for word, phone, first, frames, score in answer:
             known = phone in PHONES and word >= 0
-            begins = min(max(origin + first * FRAME - PADDING + SHIFT, origin), end)
-            ends = min(max(origin + (first + frames) * FRAME - PADDING + SHIFT, origin), end)
+            begins = min(max(origin + first * FRAME - PADDING + self._shift, origin), end)
+            ends = min(max(origin + (first + frames) * FRAME - PADDING + self._shift, origin), end)
             sounding = Sound(phone if known else SILENCE, begins, ends, numbers[word] if known else -1)
             yield _Scored(sounding, score / max(frames, 1))
 

@@ -64,12 +64,17 @@ class _Reading:
 
 
 class HibariEngine:
-    """See `app.tts.engine.SpeechEngine`. Voices beyond the wheel's are used if their file is there, never fetched."""
+    """See `app.tts.engine.SpeechEngine`. Voices beyond the wheel's are used if their file is there, never fetched.
+
+    Args:
+        lag: seconds by which the network's durations are taken to trail the sound; 0 to measure that.
+    """
 
     name = "hibari"
     pronounces = True
 
-    def __init__(self) -> None:
+    def __init__(self, *, lag: float = LAG) -> None:
+        self._lag = lag
         self._lock = threading.Lock()
         self._models: dict[str, _Model] = {}
         self._readers: dict[bool, _Reader] = {}
@@ -127,7 +132,7 @@ class HibariEngine:
     def _loaded(self, voice: str) -> tuple[_Model, _Reader]:
         with self._lock:
             if voice not in self._models:
-                self._models[voice] = _Model(self._installed(voice))
+                self._models[voice] = _Model(self._installed(voice), self._lag)
             british = bool(catalogue.VOICES[voice]["british"])
             if british not in self._readers:
                 self._readers[british] = _Reader(british)
@@ -250,7 +255,8 @@ class _Take:
 class _Model:
     """One voice's network with its durations readable. `run` may be called from several threads."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, lag: float) -> None:
+        self._lag = lag
         model = path.read_bytes()
         durations = outputs_of(model, "Clip")
         if len(durations) != 1:
@@ -290,7 +296,7 @@ class _Model:
         for at, letter in enumerate(letters):
             units.append(Unit(letter.symbol, ends[at], ends[at + 1], letter.word + count if letter.word >= 0 else -1))
         units.append(Unit("", ends[-2], ends[-1]))
-        return _Take(samples, settle(merge(units), samples, RATE, lag=LAG))
+        return _Take(samples, settle(merge(units), samples, RATE, lag=self._lag))
 
 
 def _runs(letters: Sequence[_Written]) -> Iterator[Sequence[_Written]]:
