@@ -13,7 +13,12 @@ _PLUGINS: Plugins[SpeechEngine] = Plugins(
     kind="speech engine",
     group="mary.tts",
     field="speech.engine",
-    ours={"hibari": ("app.tts.hibari", "HibariEngine"), "mock": ("app.tts.mock", "MockEngine")},
+    ours={
+        "hibari": ("app.tts.hibari", "HibariEngine"),
+        "openai": ("app.tts.openai_speech", "OpenAiEngine"),
+        "http": ("app.tts.http_speech", "HttpEngine"),
+        "mock": ("app.tts.mock", "MockEngine"),
+    },
     protocol=SpeechEngine,
     broken=SpeechFailed,
     section="speech.engines",
