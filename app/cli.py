@@ -360,6 +360,23 @@ def evaluate(
     )  # fmt: skip
 
 
+@app.command()
+def align_server(
+    host: Annotated[str, typer.Option(help="Address to listen on; there is no password.")] = "127.0.0.1",
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port to listen on; 0 takes a free one.")] = 8765,
+    aligner: Annotated[str, typer.Option(help="What is served.")] = "pocketsphinx",
+    workers: Annotated[int, typer.Option(min=1, max=256, help="Sounds aligned at once.")] = 1,
+    config: ConfigOption = None,
+) -> None:
+    """Serve an aligner by XML-RPC to Mary on other machines (align.engine: xmlrpc)."""
+    settings = load(config)
+    from app.api import logs
+    from app.commands.align_server import run
+
+    logs.configure()
+    run(aligner, settings.align.aligners.get(aligner, {}), host=host, port=port, workers=workers, out=_out)
+
+
 def _avatar_folder(avatar: str, settings: Settings) -> Path:
     """The folder of an avatar by its name, or of a pack that lies elsewhere."""
     from app.engine.pack import MANIFEST

@@ -68,7 +68,7 @@ def pictures(path: Path) -> list[np.ndarray]:
 def test_help_names_all_commands(mary) -> None:
     shown = mary("--help")
     assert shown.returncode == 0
-    for name in ("serve", "say", "voices", "avatars", "train", "evaluate", "bench"):
+    for name in ("serve", "say", "voices", "avatars", "train", "evaluate", "align-server", "bench"):
         assert name in shown.stdout
 
 

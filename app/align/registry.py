@@ -13,7 +13,12 @@ _PLUGINS: Plugins[Aligner] = Plugins(
     kind="aligner",
     group="mary.align",
     field="aligner",
-    ours={"pocketsphinx": ("app.align.pocketsphinx", "PocketSphinxAligner"), "mock": ("app.align.mock", "MockAligner")},
+    ours={
+        "pocketsphinx": ("app.align.pocketsphinx", "PocketSphinxAligner"),
+        "textgrid": ("app.align.textgrid_folder", "TextGridAligner"),
+        "xmlrpc": ("app.align.xmlrpc", "XmlRpcAligner"),
+        "mock": ("app.align.mock", "MockAligner"),
+    },
     protocol=Aligner,
     broken=AlignmentFailed,
     section="align.aligners",

@@ -14,7 +14,7 @@ def plugin(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     install(tmp_path, monkeypatch, "mary.align", "ear", "app.align.mock.MockAligner")
 
 
-@pytest.mark.parametrize("name", ["pocketsphinx", "mock"])
+@pytest.mark.parametrize("name", ["pocketsphinx", "xmlrpc", "mock"])
 def test_ours(name: str) -> None:
     aligner = create(name)
     assert isinstance(aligner, Aligner)
@@ -24,12 +24,12 @@ def test_ours(name: str) -> None:
 def test_unknown_names_the_known() -> None:
     with pytest.raises(NotFound, match="nobody") as caught:
         create("nobody")
-    assert "pocketsphinx, mock" in caught.value.advice
+    assert "pocketsphinx, textgrid, xmlrpc, mock" in caught.value.advice
 
 
 @pytest.mark.usefixtures("plugin")
 def test_entry_points() -> None:
-    assert names() == ("pocketsphinx", "mock", "ear", "lost", "stone")
+    assert names() == ("pocketsphinx", "textgrid", "xmlrpc", "mock", "ear", "lost", "stone")
     assert create("ear").align(np.ones(16_000, np.float32), 16_000, "hello").words[0].text == "hello"
 
 
