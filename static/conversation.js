@@ -216,7 +216,7 @@ export class Conversation extends EventTarget {
   #onEvent(name, data) {
     if (name === "speak_started") this.#onStarted(data);
     else if (name === "speak_ended") this.#onEnded(data);
-    else if (name === "word" || name === "viseme") this.#tell("cue", { name, data });
+    else if (["word", "mark", "viseme"].includes(name)) this.#tell("cue", { name, data });
     else if (name === "error") {
       const utterance = data.utterance ?? this.#current?.utterance?.id; // none is named when the whole stream fails
       if (utterance !== undefined) this.#failed.set(utterance, data.message);

@@ -18,7 +18,7 @@ export class Cues {
     this.#clock = clock;
   }
 
-  /** name: "word" or "viseme"; data: `{utterance, media_time, wall_ms, …}`. */
+  /** name: "word", "mark" or "viseme"; data: `{utterance, media_time, wall_ms, …}`. */
   add(name, data) {
     const cue = { name, data, timer: 0, giveUp: performance.now() + LIMIT_MS };
     this.#waiting.add(cue);

@@ -1,6 +1,6 @@
 // What happens on a stream, as the service tells it (server-sent events).
 
-const NAMES = ["state", "speak_started", "word", "viseme", "speak_ended", "error"];
+const NAMES = ["state", "speak_started", "word", "mark", "viseme", "speak_ended", "error"];
 
 export class StreamEvents {
   #source;

@@ -1,4 +1,4 @@
-"""Words and mouth shapes, told to listeners shortly before they are heard and seen."""
+"""Words, marks and mouth shapes, told to listeners shortly before they are heard and seen."""
 
 from __future__ import annotations
 
@@ -36,13 +36,17 @@ class Cues:
         self._waiting: deque[_Cue] = deque()
 
     def add(self, utterance: str, piece: Piece, base: int, clock: StreamClock) -> None:
-        """Take the words and phones of a piece; `base` is the stream's frame that its times count from."""
+        """Take the words, marks and phones of a piece; `base` is the stream's frame that its times count from."""
         origin = base / FPS
         cues = []
         for word in piece.words:
             spoken = SpokenWord(utterance, word.text, origin + word.start, origin + word.end)
             data = {"utterance": utterance, "text": word.text, **_times(spoken.start, spoken.end, clock)}
             cues.append(_Cue(spoken.start, Event("word", data), spoken))
+        for mark in piece.marks:
+            at = origin + mark.time
+            data = {"utterance": utterance, "name": mark.name, **_when(at, clock)}
+            cues.append(_Cue(at, Event("mark", data), None))
         for phone in piece.phones:
             shape, start, end = viseme(phone.symbol), origin + phone.start, origin + phone.end
             data = {
@@ -71,8 +75,8 @@ class Cues:
 
 
 def _times(start: float, end: float, clock: StreamClock) -> dict[str, float]:
-    return {
-        "media_time": round(float(start), 4),
-        "end_time": round(float(end), 4),
-        "wall_ms": round(float(clock.wall_ms(start)), 1),
-    }
+    return {**_when(start, clock), "end_time": round(float(end), 4)}
+
+
+def _when(at: float, clock: StreamClock) -> dict[str, float]:
+    return {"media_time": round(float(at), 4), "wall_ms": round(float(clock.wall_ms(at)), 1)}

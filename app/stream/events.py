@@ -13,7 +13,7 @@ QUEUED_EVENTS = 256
 """Events kept for a listener that does not read; the oldest is forgotten."""
 
 
-EventName = Literal["state", "speak_started", "word", "viseme", "speak_ended", "push", "error"]
+EventName = Literal["state", "speak_started", "word", "mark", "viseme", "speak_ended", "push", "error"]
 
 EVENT_NAMES: tuple[EventName, ...] = get_args(EventName)
 

@@ -15,7 +15,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from app.speech import SILENCE, Phone, Speech, Word
+from app.speech import SILENCE, Mark, Phone, Speech, Word
 from app.stream.clock import FPS, FRAME_SAMPLES, SAMPLE_RATE, first_frame_at
 from app.stream.soundtrack import Samples, resample
 from app.stream.timing import Stage
@@ -53,7 +53,7 @@ class Piece:
         frame: its first frame, the first one not before `sample`.
         coefficients: one row a frame, shape (frames, K); the next piece's first frame is `frame + frames`.
         follows: the mouth that its first frame continues, shape (K,); None = whatever is shown.
-        phones, words: what sounds in it, in seconds from the utterance's start.
+        phones, words, marks: what sounds in it, in seconds from the utterance's start.
     """
 
     sample: int
@@ -63,6 +63,7 @@ class Piece:
     follows: Coefficients | None = None
     phones: tuple[Phone, ...] = ()
     words: tuple[Word, ...] = ()
+    marks: tuple[Mark, ...] = ()
 
 
 def pieces(
@@ -140,10 +141,11 @@ def to_rest(articulator: Articulator, frames: int, before: Coefficients) -> Coef
     return rows
 
 
-def _since_start(speech: Speech, start: float) -> tuple[tuple[Phone, ...], tuple[Word, ...]]:
+def _since_start(speech: Speech, start: float) -> tuple[tuple[Phone, ...], tuple[Word, ...], tuple[Mark, ...]]:
     return (
         tuple(Phone(phone.symbol, start + phone.start, start + phone.end) for phone in speech.phones),
         tuple(Word(word.text, start + word.start, start + word.end) for word in speech.words),
+        tuple(Mark(mark.name, start + mark.time) for mark in speech.marks),
     )
 
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from puppet import FPS, TinyAvatar, speech
 
 from app.engine.avatar import load_avatar
-from app.speech import SILENCE, Phone, Speech, Word
+from app.speech import SILENCE, Mark, Phone, Speech, Word
 from app.stream.clock import FRAME_SAMPLES
 from app.stream.pieces import REST_FRAMES, pieces, to_rest
 
@@ -89,7 +89,7 @@ def test_where_there_is_nothing_yet_there_is_no_piece() -> None:
 
 def test_phones_and_words_are_timed_from_the_utterances_start() -> None:
     first = replace(speech(("AA", 0.2), (SILENCE, 0.1)), words=(Word("Ah.", 0.0, 0.2),))
-    second = replace(speech(("M", 0.2)), words=(Word("Mm", 0.05, 0.2),))
+    second = replace(speech(("M", 0.2)), words=(Word("Mm", 0.05, 0.2),), marks=(Mark("m", 0.1),))
     one, two, rest = pieces(TinyAvatar(), [first, second])
     assert [phone.symbol for phone in (*one.phones, *two.phones, *rest.phones)] == ["AA", SILENCE, "M", SILENCE]
     ends = [phone.end for phone in (*one.phones, *two.phones, *rest.phones)]
@@ -97,6 +97,7 @@ def test_phones_and_words_are_timed_from_the_utterances_start() -> None:
         [0.2, 0.3, 0.5, (len(one.samples) + len(two.samples) + len(rest.samples)) / 48_000], abs=1e-4
     )
     assert (one.words, two.words[0].text, rest.words) == ((Word("Ah.", 0.0, 0.2),), "Mm", ())
+    assert (one.marks, two.marks[0].name, two.marks[0].time) == ((), "m", pytest.approx(0.4, abs=1e-4))
     assert (two.words[0].start, two.words[0].end) == pytest.approx((0.35, 0.5), abs=1e-4)
 
 
