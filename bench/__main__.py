@@ -15,6 +15,7 @@ BENCHES = {
     "trajectory": "Fu 2011's table 4.3, banded against dense",
     "picture": "against the recording: closed and open test, sharpness, lip closure",
     "talker": "a real talker from end to end: time, memory, unheard sentences (needs recordings)",
+    "speech": "engines and aligners: first audio, phone times, what they hold up",
     "recogniser": "phones without a transcript: a real talker (needs GRID) and a voice, whole and live",
     "sync": "a minute of speech: where its tracks end",
     "seams": "idle clip to live picture and back in Chromium: phase, standstill, jumps; stop() to a closed mouth",

@@ -31,6 +31,7 @@ from app.tts.narrate import check
 
 EXACT = "espeak"
 """The engine that knows its times to the sample."""
+SERVERS = frozenset(["openai", "http"])
 UNTRIED = frozenset(["mock", "textgrid"])
 """Do not listen, or only know recordings that have been aligned already."""
 
@@ -98,7 +99,7 @@ def _measure(
     if judge is None:
         notes.append(f"engines and recordings are not measured: aligner {settings.align.engine} cannot be used")
         return Measured(tuple(rows), tuple(notes))
-    names = [name for name in engines.names() if name not in (*UNTRIED, EXACT)]
+    names = [name for name in engines.names() if name not in (*UNTRIED, EXACT) and usable(name, settings)]
     for number, name in enumerate(names):
         tell("engines", number / len(names))
         rows += _engine_rows(name, settings, sentences, judge, notes)
@@ -106,6 +107,11 @@ def _measure(
         tell("recordings", 0.0)
         rows += _recorded(recordings, judge.name)
     return Measured(tuple(rows), tuple(notes))
+
+
+def usable(engine: str, settings: Settings) -> bool:
+    """Whether an engine may be asked: servers only if they are configured, since nobody else's may be."""
+    return engine not in SERVERS or engine in settings.speech.engines or engine == settings.speech.engine
 
 
 def _aligners(settings: Settings, opened: ExitStack, notes: list[str]) -> dict[str, Aligner]:
