@@ -198,7 +198,8 @@ def _spoken(
     """The pieces of a text, each spoken when it is asked for."""
     from app.align.aligners import Aligners
     from app.tts.engine import check_configured, choose_voice
-    from app.tts.narrate import narrate, plan
+    from app.tts.narrate import narrate
+    from app.tts.planning import plan
     from app.tts.voicebox import voicebox
 
     planned = plan(sys.stdin.read() if text == "-" else text, lexicon=settings.speech.lexicon)

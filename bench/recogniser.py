@@ -29,7 +29,8 @@ from app.engine.pack import load_pack
 from app.engine.states import viseme
 from app.engine.trajectory import GaussianTrajectory
 from app.speech import PHONES, SILENCE, Phone
-from app.tts.narrate import narrate, plan
+from app.tts.narrate import narrate
+from app.tts.planning import plan
 from app.tts.registry import create
 from bench.report import Report
 

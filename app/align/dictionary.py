@@ -121,6 +121,13 @@ class Dictionary:
         joined = dict.fromkeys(tuple(phone for said in each for phone in said) for each in product(*choices[:12]))
         return WrittenWord(written, tuple(joined)[:MOST_PRONUNCIATIONS], guessed)
 
+    def knows(self, written: str) -> bool:
+        """Whether the lexicon or the CMU dictionary has the word, or all parts of it; a word without letters counts."""
+        plain = folded(written)
+        return bool(self._known(plain)) or all(
+            self._known(part) for part in _PARTS.split(plain) if any(map(str.isalpha, part))
+        )
+
     def _known(self, word: str) -> tuple[Pronunciation, ...]:
         """What the lexicon or the CMU dictionary says, possessives included; nothing if neither knows the word."""
         entries = _cmudict()

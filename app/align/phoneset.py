@@ -72,6 +72,14 @@ def phones_of(ipa: str) -> tuple[str, ...]:
     return tuple(sound.symbol for sound in sounds if sound.symbol != SILENCE)
 
 
+def unknown(ipa: str) -> str:
+    """The first letter or sign of a string of IPA that is none and would be ignored; empty if all are known."""
+    for letter in unicodedata.normalize("NFD", ipa):
+        if _kind(letter) == "mark" and unicodedata.category(letter)[0] not in "MZ" and letter not in "ːˑʰʲʷˠˤⁿˡ˞ʼ‿͡":
+            return letter
+    return ""
+
+
 def merge(units: Iterable[Unit]) -> list[Sound]:
     """Turn timed IPA units into phones of `app.speech.PHONES`.
 

@@ -22,7 +22,8 @@ from app.errors import BadPack, InputError, MaryError, OverCapacity, TooLong
 from app.stream.streams import Streams
 from app.stream.utterance import Reading, Script
 from app.tts.engine import SpeechEngine, Voice, check_configured, choose_voice
-from app.tts.narrate import Plan, narrate, plan
+from app.tts.narrate import narrate
+from app.tts.planning import Plan, plan
 from app.tts.voicebox import Voicebox, voicebox
 
 RENDERS_AT_ONCE = max(1, (os.cpu_count() or 1) // 2)

@@ -17,7 +17,8 @@ from app.align.dictionary import NO_LEXICON, read_lexicon
 from app.errors import Gone, NothingToSay, OverCapacity
 from app.speech import Speech
 from app.tts.engine import SpeechEngine
-from app.tts.narrate import Plan, check_speed, plan, speak
+from app.tts.narrate import check_speed, speak
+from app.tts.planning import Plan, plan
 from app.tts.text import CLAUSE_PAUSE, LONGEST_PIECE, SHORTEST_CUT, clean, ends_clause, ends_sentence
 
 HOLD_SENTENCE = 0.2
@@ -131,7 +132,7 @@ class LiveText:
 
     def _plan(self, written: str) -> Plan | None:
         try:
-            planned = plan(written, lexicon=self._lexicon)
+            planned = plan(written, markup="text", lexicon=self._lexicon)
         except NothingToSay:
             self._remember_unread(clean(written).unread)
             return None

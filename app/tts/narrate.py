@@ -2,61 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
-from app.align.dictionary import NO_LEXICON, Dictionary, Lexicon, folded, read_lexicon
 from app.errors import InputError, MaryError, NothingToSay, SpeechFailed
-from app.speech import PHONES, SILENCE, Phone, Speech
+from app.speech import PHONES, SILENCE, Mark, Phone, Speech
+from app.tts.clause import Clause
 from app.tts.engine import SpeechEngine
-from app.tts.text import Clause, clean, split
+from app.tts.planning import Plan, nothing, plan
+from app.tts.words import as_written
 
 SLOWEST, FASTEST = 0.5, 2.0
 _SYMBOLS = frozenset(PHONES)
-_AROUND = ".,;:!?…—()[]{}\"'"  # of a word
-
-
-@dataclass(frozen=True, slots=True)
-class Plan:
-    """What will be said.
-
-    Attributes:
-        clauses: the pieces to speak, at least one.
-        unread: what of the text cannot be read.
-        guessed: words, each once as they are written, that neither the lexicon nor the dictionary has.
-        lexicon: how some of the words are to be said.
-    """
-
-    clauses: tuple[Clause, ...]
-    unread: tuple[str, ...]
-    guessed: tuple[str, ...] = ()
-    lexicon: Lexicon = field(default_factory=lambda: NO_LEXICON)
-
-
-def plan(text: str, *, lexicon: Mapping[str, str | Sequence[str]] = NO_LEXICON) -> Plan:
-    """Clean and split a text without speaking it; quick enough for the request that brings the text.
-
-    Args:
-        text: any.
-        lexicon: see `app.align.dictionary.read_lexicon`.
-
-    Raises:
-        NothingToSay: no readable text.
-        InputError: the lexicon has a pronunciation that is none.
-    """
-    own = read_lexicon(lexicon) if lexicon else NO_LEXICON
-    cleaned = clean(text)
-    clauses = split(cleaned.text)
-    if not clauses:
-        raise _nothing(cleaned.unread)
-    words = Dictionary().with_lexicon(own).read(" ".join(clause.text for clause in clauses))
-    guessed: dict[str, str] = {}
-    for word in words:
-        if word.guessed:
-            guessed.setdefault(folded(word.text), word.text.strip(_AROUND))
-    return Plan(clauses, cleaned.unread, tuple(guessed.values()), own)
 
 
 def narrate(engine: SpeechEngine, text: str | Plan, *, voice: str = "", speed: float = 1.0) -> Iterator[Speech]:
@@ -92,7 +51,7 @@ def _something(engine: SpeechEngine, planned: Plan, voice: str, speed: float) ->
         yield speech
         spoken = True
     if not spoken:
-        raise _nothing(planned.unread)
+        raise nothing(planned.unread)
 
 
 def speak(engine: SpeechEngine, planned: Plan, *, voice: str, speed: float) -> Iterator[Speech]:
@@ -102,23 +61,81 @@ def speak(engine: SpeechEngine, planned: Plan, *, voice: str, speed: float) -> I
         SpeechFailed: as in `narrate`.
     """
     unread = planned.unread
+    passed: tuple[str, ...] = ()  # marks of clauses that made no sound
     for clause in planned.clauses:
+        pace = min(max(speed * clause.speed, SLOWEST), FASTEST)
+        lexicon = {**planned.lexicon, **clause.lexicon} if clause.lexicon else planned.lexicon
         try:
-            speech = check(engine.speak(clause.text, voice=voice, speed=speed, lexicon=planned.lexicon), engine.name)
+            speech = check(engine.speak(clause.spoken, voice=voice, speed=pace, lexicon=lexicon), engine.name)
         except NothingToSay:
+            passed += tuple(mark.name for mark in clause.marks)
             continue
         except MaryError:
             raise
         except Exception as error:  # an engine's own error, whatever it is, must name the engine
             raise SpeechFailed(f"speech engine {engine.name} failed: {type(error).__name__}: {error}") from error
-        speech = with_pause(speech, clause.pause / speed)
+        speech = with_gain(_in_place(speech, clause, passed), clause.gain)
+        speech = with_pause(speech, clause.pause / pace + clause.silence)
         yield replace(speech, unread=tuple(dict.fromkeys((*unread, *speech.unread))))
-        unread = ()
+        unread, passed = (), ()
 
 
-def _nothing(unread: tuple[str, ...]) -> NothingToSay:
-    found = f"; {', '.join(unread)[:80]} cannot be read" if unread else ""
-    return NothingToSay(f"the text has nothing to say{found}", field="text", advice="Send some words in Latin letters.")
+def _in_place(speech: Speech, clause: Clause, passed: tuple[str, ...]) -> Speech:
+    """Speech of a clause with its silence before it, the words as they are written, and the marks at their places."""
+    speech = with_lead(speech, clause.lead)
+    times = as_written(speech.words, [reading.spoken for reading in clause.readings])
+    words = tuple(
+        replace(word, text=reading.text)
+        for reading, word in zip(clause.readings, times, strict=True)
+        if word is not None
+    )
+    marks = [Mark(name, 0.0) for name in passed]
+    latest = 0.0
+    for place in clause.marks:
+        if place.reading < 0:
+            latest = max(latest, place.after)
+        else:
+            word = next((word for word in times[place.reading :] if word is not None), None)
+            end = speech.duration + place.after if place.reading >= len(times) else _end_of_sound(speech)
+            latest = max(latest, word.start if word is not None else end)
+        marks.append(Mark(place.name, latest))
+    return replace(speech, words=words, marks=tuple(marks))
+
+
+def _end_of_sound(speech: Speech) -> float:
+    last = speech.phones[-1]
+    return last.start if last.symbol == SILENCE else last.end
+
+
+def with_gain(speech: Speech, gain: float) -> Speech:
+    """The same speech `gain` decibels louder, but never over 1."""
+    if gain == 0:
+        return speech
+    peak = float(np.abs(speech.samples).max())
+    factor = 10 ** (gain / 20)
+    if peak * factor > 1:
+        factor = 1 / peak
+    samples = np.clip(speech.samples * np.float32(factor), -1, 1).astype(np.float32)
+    return replace(speech, samples=samples)
+
+
+def with_lead(speech: Speech, seconds: float) -> Speech:
+    """The same speech with silence before it, as part of its first silence or as a new one."""
+    extra = round(seconds * speech.rate)
+    if extra <= 0:
+        return speech
+    shift = extra / speech.rate
+    phones = [Phone(phone.symbol, phone.start + shift, phone.end + shift) for phone in speech.phones]
+    if phones[0].symbol == SILENCE:
+        phones[0] = replace(phones[0], start=0.0)
+    else:
+        phones.insert(0, Phone(SILENCE, 0.0, shift))
+    return replace(
+        speech,
+        samples=np.concatenate([np.zeros(extra, np.float32), speech.samples]),
+        phones=tuple(phones),
+        words=tuple(replace(word, start=word.start + shift, end=word.end + shift) for word in speech.words),
+    )
 
 
 def with_pause(speech: Speech, seconds: float) -> Speech:

@@ -10,6 +10,9 @@ import unicodedata
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+from app.tts.markdown import strip_markdown
+from app.tts.reading.word_list import these
+
 FIRST_PIECE = 60  # characters: the first piece is short so that sound starts early
 LONGEST_PIECE = 200  # characters
 SHORTEST_CUT = 12  # characters: a first piece shorter than this is not worth a break in the melody
@@ -34,7 +37,7 @@ class Cleaned:
 
 
 @dataclass(frozen=True, slots=True)
-class Clause:
+class Piece:
     """A piece of text that is spoken at once, and the silence in seconds after it."""
 
     text: str
@@ -82,27 +85,24 @@ _SPACES = re.compile(r"[^\S\n]+")
 _SPACE_BEFORE_STOP = re.compile(r"(?<=\S) +(?=[,.;:!?]+(?:[\s\"')]|$))")
 _HYPHENS = re.compile(r"-{2,}")
 _RANGE = re.compile(r"(?<=\d) ?– ?(?=\d)")
-_HEADING = re.compile(r"^(?:#{1,6}|[-*•>]) +", re.MULTILINE)
-_LINK = re.compile(r"\[([^\[\]\n]{1,200})\]\((?!/)[^()\s]{1,500}\)")
-_FRACTION = re.compile(r"(?<=\d)(?=[½¼¾])")
 
 
-def clean(text: str) -> Cleaned:
+def clean(text: str, *, markdown: bool = True) -> Cleaned:
     """Normalise a text and take out what cannot be read.
 
     Compatibility forms become plain (NFKC); control and invisible characters go; quotes and dashes become the simple
     ones; Latin letters keep their accents. Emoji, other scripts and unknown symbols become spaces and are reported.
-    Markdown headings, bullets and links lose their marks.
+    `markdown`: its marks go, too (`app.tts.markdown`).
     """
     plain = _few_marks(text.replace("\r\n", "\n"))
+    if markdown:
+        plain = strip_markdown(plain)
     plain = _NOT_KEPT.sub(lambda run: unicodedata.normalize("NFKC", run[0].translate(_SAME)).translate(_SAME), plain)
     plain, unread = _readable(plain)
-    plain = _LINK.sub(r"\1", plain)
-    plain = _FRACTION.sub(" and ", plain)
     plain = _RANGE.sub("-", plain).replace("–", "—")
     plain = _HYPHENS.sub("—", plain)
     plain = _EDGE_SPACES.sub("\n", _SPACES.sub(" ", plain))
-    plain = _BLANK_LINES.sub("\n\n", _HEADING.sub("", plain))
+    plain = _BLANK_LINES.sub("\n\n", plain)
     plain = _SPACE_BEFORE_STOP.sub("", plain)
     return Cleaned(plain.strip(), tuple(dict.fromkeys(unread)))
 
@@ -183,21 +183,17 @@ def _reading(character: str, in_run: bool) -> str | None:
 # --- splitting --------------------------------------------------------------------------------------------------------
 
 
-def _these(words: str) -> frozenset[str]:
-    return frozenset(words.split())
-
-
-_TITLES = _these(
+_TITLES = these(
     "mr mrs ms mx dr prof st mt ft gen gov sen rep capt cpt lt col sgt cmdr rev hon pres supt cpl maj adm fr msgr "
     "messrs mmes vs cf approx fig figs vol vols pp ed eds est dept e.g i.e eg ie viz ca"
 )
-_BEFORE_NUMBER = _these("no nos p ch sec art jan feb mar apr jun jul aug sep sept oct nov dec")
-_MAYBE_LAST = _these("etc inc ltd co corp jr sr ave blvd rd bros univ al a.m p.m am pm ph.d b.a m.a")
-_STARTERS = _these(
+_BEFORE_NUMBER = these("no nos p ch sec art jan feb mar apr jun jul aug sep sept oct nov dec")
+_MAYBE_LAST = these("etc inc ltd co corp jr sr ave blvd rd bros univ al a.m p.m am pm ph.d b.a m.a")
+_STARTERS = these(
     "the a an he she it they we you i in on at but and so this that these those there here however then when while if "
     "his her its their our my your what who why how where as after before for to no yes let please"
 )
-_CONJUNCTIONS = _these(
+_CONJUNCTIONS = these(
     "and but or nor so yet because although though while whereas which who whom whose that when where if unless until "
     "since after before than as"
 )
@@ -207,7 +203,7 @@ _DOTTED = re.compile(r"(?:[A-Za-z]\.)+[A-Za-z]?\Z")
 _ENUMERATOR = re.compile(r"\(?(?:\d{1,3}|[A-Za-z])[.)]\Z")
 
 
-def split(text: str) -> tuple[Clause, ...]:
+def split(text: str) -> tuple[Piece, ...]:
     """Split text into the pieces to speak, in order.
 
     Pieces end where sentences end; a sentence longer than `LONGEST_PIECE` is cut at clause punctuation, else before a
@@ -217,19 +213,26 @@ def split(text: str) -> tuple[Clause, ...]:
     Returns:
         no piece if there is nothing to say.
     """
-    pieces: list[Clause] = []
+    pieces: list[Piece] = []
     for paragraph in re.split(r"\n[^\S\n]*\n", text):
-        for sentence, pause in _sentences(paragraph):
-            cuts = _cuts(sentence, LONGEST_PIECE, first=not pieces)
-            for at, piece in enumerate(cuts):
-                joined = " ".join(piece)
-                if speakable(joined):
-                    between = CLAUSE_PAUSE if ends_clause(piece[-1]) else NO_PAUSE
-                    pieces.append(Clause(joined, pause if at == len(cuts) - 1 else between))
+        pieces += (piece for piece in split_paragraph(paragraph, first=not pieces) if speakable(piece.text))
         if pieces:
-            pieces[-1] = Clause(pieces[-1].text, max(pieces[-1].pause, PARAGRAPH_PAUSE))
+            pieces[-1] = Piece(pieces[-1].text, max(pieces[-1].pause, PARAGRAPH_PAUSE))
     if pieces and pieces[-1].pause > SENTENCE_PAUSE:  # nothing follows the last paragraph
-        pieces[-1] = Clause(pieces[-1].text, SENTENCE_PAUSE)
+        pieces[-1] = Piece(pieces[-1].text, SENTENCE_PAUSE)
+    return tuple(pieces)
+
+
+def split_paragraph(paragraph: str, *, first: bool) -> tuple[Piece, ...]:
+    """The pieces of a paragraph with all its words, heard or not; `first`: the first one is short, if it can be."""
+    pieces: list[Piece] = []
+    for sentence, pause in _sentences(paragraph):
+        cuts = _cuts(sentence, LONGEST_PIECE, first=first)
+        for at, piece in enumerate(cuts):
+            joined = " ".join(piece)
+            between = CLAUSE_PAUSE if ends_clause(piece[-1]) else NO_PAUSE
+            pieces.append(Piece(joined, pause if at == len(cuts) - 1 else between))
+            first = first and not speakable(joined)
     return tuple(pieces)
 
 

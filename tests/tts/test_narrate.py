@@ -8,8 +8,9 @@ from app.align.dictionary import NO_LEXICON, Lexicon
 from app.errors import InputError, NotFound, NothingToSay, SpeechFailed
 from app.speech import SILENCE, Phone, Speech, Word
 from app.tts.mock import MockEngine
-from app.tts.narrate import check, narrate, plan, with_pause
-from app.tts.text import PARAGRAPH_PAUSE, SENTENCE_PAUSE, Clause
+from app.tts.narrate import check, narrate, with_pause
+from app.tts.planning import plan
+from app.tts.text import PARAGRAPH_PAUSE, SENTENCE_PAUSE
 
 GOOD = MockEngine().speak("hello there", voice="mock")
 
@@ -149,5 +150,3 @@ def test_unsound_speech_is_refused(spoil: Callable[[Speech], Speech], what: str)
     assert "somebody" in caught.value.message
 
 
-def test_clause_is_what_the_plan_holds() -> None:
-    assert plan("Hi.").clauses == (Clause("Hi.", SENTENCE_PAUSE),)

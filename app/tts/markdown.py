@@ -1,0 +1,49 @@
+"""Takes the marks of Markdown out of a text, as language models write it. Linear in the length of the text.
+
+Nothing that is read is lost but the addresses behind links and the fences of code: code itself is text.
+"""
+
+from __future__ import annotations
+
+import re
+
+_FENCE = re.compile(r"[ \t]*(?:```|~~~)")
+_STARTS = re.compile(r"^[ \t]*(?:(?:#{1,6}|[-*+•]|>+)[ \t]+)+(?:\[[ xX]\][ \t]+)?", re.MULTILINE)
+_LINK = re.compile(
+    r"!?\[([^\[\]\n]{1,200})\](?:\((?!/)[^()\s]{1,500}(?:[ \t]\"[^\"\n]{0,200}\")?\)|\[[^\[\]\n]{0,100}\])"
+)
+_AUTOLINK = re.compile(r"<((?:https?://|mailto:)[^\s<>]{1,500})>")
+_STARS = re.compile(r"(?<![\w*\\])\*{1,3}(?=[^\s*])|(?<=[^\s*\\])\*{1,3}(?![\w*])")
+_LINES = re.compile(r"(?<!\w)_{1,3}(?=[^\W_])|(?<=[^\s_])_{1,3}(?!\w)")
+_STRUCK = re.compile(r"~~+")
+_TICKS = re.compile(r"(?<![^\W\d_])`+|`+(?![^\W\d_])")
+_ESCAPED = re.compile(r"\\([*_`#\[\]()~>+.!|-])")
+_RULE = frozenset("-*_= \t")
+_BORDER = frozenset("|-:+ \t")
+
+
+def strip_markdown(text: str) -> str:
+    """The text without emphasis, code marks, headings, bullets, quotes, links, rules and tables' lines.
+
+    A row of a table becomes its cells with commas between.
+    """
+    if not any(mark in text for mark in "*_`#[<~|>=\\-+•"):
+        return text
+    plain = "\n".join(line for given in text.split("\n") if (line := _line(given)) is not None)
+    plain = _STARTS.sub("", plain)
+    plain = _AUTOLINK.sub(r"\1", _LINK.sub(r"\1", plain))
+    plain = _TICKS.sub("", _STRUCK.sub("", plain))
+    plain = _LINES.sub("", _STARS.sub("", plain))
+    return _ESCAPED.sub(r"\1", plain)
+
+
+def _line(line: str) -> str | None:
+    """A line, changed if it is a table's; empty for a rule; None for what is only drawing."""
+    bare = line.strip(" \t")
+    if _FENCE.match(line) or (len(bare) > 2 and set(bare) <= _RULE and len(set(bare) - {" ", "\t"}) == 1):
+        return ""
+    if "|" in bare and "-" in bare and set(bare) <= _BORDER:
+        return None
+    if len(bare) > 2 and bare[0] == bare[-1] == "|":
+        return ", ".join(cell for part in bare[1:-1].split("|") if (cell := part.strip(" \t")))
+    return line

@@ -1,0 +1,1 @@
+"""How English text is read aloud: each module turns one kind of written thing into plain words."""
