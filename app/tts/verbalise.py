@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 from app.tts.reading import amounts, dates, letters, names
 from app.tts.reading.numbers import PLAIN, cardinal, digits, number, one, ordinal
-from app.tts.reading.single_words import SingleWords, english
+from app.tts.reading.single_words import BETWEEN_NUMBERS, SingleWords, english
 from app.tts.reading.word_list import these
 
 _OPENERS = "\"'([{<«*_"
@@ -88,6 +88,8 @@ class _Part:
 
 
 def _divided(word: str) -> _Part:
+    if word in BETWEEN_NUMBERS:
+        return _Part("", word, "")
     start, end = 0, len(word)
     while start < end and word[start] in _OPENERS:
         start += 1
@@ -266,7 +268,7 @@ class _Line:
             return Reading(part.text, part.said(said))
         if dates.half_of_day(core) and (before[:1].isdigit() or core[0] == "P"):
             return Reading(part.text, part.said(dates.half_of_day(core), dot=last or "." not in core))
-        if len(core) == 1 and not core.isalnum():
+        if len(core) == 1 and (not core.isalnum() or core in BETWEEN_NUMBERS):
             return Reading(part.text, part.said(self._words.sign(core, before, following)))
         if core.isalpha() or _WORD.match(core):
             said = self._words.word(core)

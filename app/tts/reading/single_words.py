@@ -37,7 +37,7 @@ SIGNS: dict[str, str] = {
     "₹": "rupees", "₩": "won", "¢": "cents", "^": "to the power of", "~": "about",
 }  # fmt: skip
 """Signs that have a name. Others make no sound."""
-_BETWEEN_NUMBERS = {"-": "minus", "*": "times", "x": "by", "/": "divided by", "X": "by"}
+BETWEEN_NUMBERS = {"-": "minus", "*": "times", "x": "by", "/": "divided by", "X": "by"}
 _NAMED = {"C++": "C plus plus", "C#": "C sharp", "F#": "F sharp", "G++": "G plus plus", "AC/DC": "A.C D.C",
           "and/or": "and or", "I/O": "I.O", "TCP/IP": "T.C.P I.P", "R&B": "R and B", "n/a": "not applicable",
           "N/A": "not applicable", "km/h": "kilometers per hour", "m/s": "meters per second"}  # fmt: skip
@@ -65,14 +65,16 @@ class SingleWords:
         known = self._known(re.sub(r"'?s\Z", "", core).lower() if _CAPITALS_AND_S.match(core) else core.lower())
         if said := letters.initials(core, shouted=self._shouted, known=known):
             return said
-        if core.isupper() and len(core) > 1:  # engines spell capitals
+        if core.rstrip("s").rstrip("'").isupper() and len(core) > 1:  # engines spell capitals
             return core.lower() if self._shouted else core.capitalize()
         return core
 
     def sign(self, sign: str, before: str, following: str) -> str:
         numbers = before[-1:].isdigit() and following[:1].isdigit()
-        if numbers and sign in _BETWEEN_NUMBERS:
-            return _BETWEEN_NUMBERS[sign]
+        if numbers and sign in BETWEEN_NUMBERS:
+            return BETWEEN_NUMBERS[sign]
+        if sign.isalpha():
+            return sign
         if sign in "-|/":
             return ""
         return SIGNS.get(sign, "")
@@ -141,10 +143,10 @@ class SingleWords:
             elif run == "—" or run in ",;:!?":
                 if said:
                     said[-1] += "—" if run == "—" else ","
-            elif unicodedata.combining(run) and said:
+            elif unicodedata.category(run[0])[0] == "M" and said:
                 said[-1] += run
-            elif run.isdecimal():
-                said.append(cardinal(unicodedata.decimal(run)))
+            elif run[0].isdigit() and run not in SIGNS:  # of other scripts
+                said.append(" ".join(cardinal(unicodedata.digit(letter, 0)) for letter in run))
             else:
                 said.append(SIGNS.get(run, ""))
         return " ".join(filter(None, said))
