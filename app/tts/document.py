@@ -24,6 +24,8 @@ from app.tts.verbalise import Reading, verbalise
 
 _GLUE = "\N{WORD JOINER}"  # for the spaces inside one thing, so that it is one word
 
+_PAUSES = frozenset(".,;:!?…—()")
+
 
 @dataclass(slots=True)
 class _Token:
@@ -59,13 +61,14 @@ class Document:
             if isinstance(item, Said):
                 self._say(item)
             elif isinstance(item, Bookmark):
-                self._mark(item.name)
+                self._marks.append((item.name, len(self._tokens)))
             elif isinstance(item, Break):
                 self._finish(None)
                 self._break(item.seconds)
             else:
                 self._finish(PARAGRAPH_PAUSE if item.paragraph else SENTENCE_PAUSE)
         self._finish(SENTENCE_PAUSE)
+        self._place_marks()
         if self._clauses and self._clauses[-1].pause > SENTENCE_PAUSE:  # nothing follows the last paragraph
             self._clauses[-1] = replace(self._clauses[-1], pause=SENTENCE_PAUSE)
         return self._clauses, tuple(dict.fromkeys(self._unread))
@@ -105,17 +108,19 @@ class Document:
         else:
             self._tokens.append(_Token([item]))
 
-    def _mark(self, name: str) -> None:
-        if not self._tokens and self._clauses:
-            last = self._clauses[-1]
-            self._clauses[-1] = replace(last, marks=(*last.marks, Place(name, len(last.readings), last.silence)))
-        elif not self._tokens:
-            self._leading.append(Place(name, -1, self._lead))
-        else:
-            self._marks.append((name, len(self._tokens)))
+    def _place_marks(self) -> None:
+        """Put the marks that wait for a word to where we are: behind the last clause, or before the first."""
+        for name, _ in self._marks:
+            if self._clauses:
+                last = self._clauses[-1]
+                place = Place(name, len(last.readings), last.silence)
+                self._clauses[-1] = replace(last, marks=(*last.marks, place))
+            else:
+                self._leading.append(Place(name, -1, self._lead))
+        self._marks = []
 
     def _break(self, seconds: float) -> None:
-        self._glued = False
+        self._place_marks()
         if not self._clauses:
             self._lead += seconds
         else:
@@ -125,11 +130,12 @@ class Document:
     def _finish(self, pause: float | None) -> None:
         """End the clause; `pause`: what comes after it, None: what its punctuation says."""
         self._glued = False
-        tokens, marks, self._tokens, self._marks = self._tokens, self._marks, [], []
-        if not tokens:
+        tokens, self._tokens = self._tokens, []
+        if not tokens:  # marks wait for the next word
             if pause is not None and self._clauses and not self._clauses[-1].silence:
                 self._clauses[-1] = replace(self._clauses[-1], pause=max(pause, self._clauses[-1].pause))
             return
+        marks, self._marks = self._marks, []
         pieces = split_paragraph(" ".join(token.text for token in tokens), first=not self._clauses)
         at = 0
         made: list[Clause] = []
@@ -154,8 +160,7 @@ class Document:
             made[0] = replace(first, lead=self._lead, marks=(*self._leading, *first.marks))
             self._lead, self._leading = 0.0, []
             self._clauses += made
-        for name, _ in waiting:
-            self._mark(name)
+        self._marks = waiting
 
     def _clause(self, tokens: Sequence[_Token], pause: float, marks: Sequence[tuple[str, int]]) -> Iterator[Clause]:
         readings: list[Reading] = []
@@ -197,8 +202,10 @@ class Document:
                 said = " ".join(filter(None, (reading.spoken for reading in verbalise(part.alias, own=self._own))))
             elif part.spoken:
                 said = part.spoken
-            else:
+            elif any(map(str.isalnum, part.text)):
                 said = " ".join(filter(None, (reading.spoken for reading in verbalise(part.text, own=self._own))))
+            else:
+                said = "".join(letter for letter in part.text if letter in _PAUSES)
             joint = "" if not said[:1].isalnum() or not spoken or spoken.endswith(("(", "-")) else " "
             spoken += joint + said
         return Reading(token.text.replace(_GLUE, " "), spoken), pronounced

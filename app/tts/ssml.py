@@ -56,6 +56,7 @@ _MAY_HOLD: dict[str, frozenset[str]] = {
     "s": frozenset(_ATTRIBUTES) - {"speak", "p", "s"},
     "prosody": frozenset(_ATTRIBUTES) - {"speak"},
 }
+_SURROGATE = re.compile("[\ud800-\udfff]")
 _TIME = re.compile(r"\+?([0-9]{0,6}(?:\.[0-9]{1,6})?)(ms|s)\Z")
 _PERCENT = re.compile(r"([+-]?)([0-9]{1,5}(?:\.[0-9]{1,6})?)%\Z")
 _FACTOR = re.compile(r"[0-9]{0,5}(?:\.[0-9]{1,6})?\Z")
@@ -162,7 +163,7 @@ class _Reader:
             text.lstrip("\ufeff \t\r\n") if text.lstrip("\ufeff \t\r\n").startswith("<?xml") else text.lstrip("\ufeff")
         )
         try:
-            self._parser.Parse(plain.encode("utf-8", "replace").decode("utf-8"), True)
+            self._parser.Parse(_SURROGATE.sub("\N{REPLACEMENT CHARACTER}", plain), True)
         except expat.ExpatError as error:
             what = expat.errors.messages[error.code] if error.code in expat.errors.messages else str(error)
             raise _wrong(what, f"line {error.lineno}, column {error.offset + 1}") from None

@@ -148,5 +148,3 @@ def test_unsound_speech_is_refused(spoil: Callable[[Speech], Speech], what: str)
     with pytest.raises(SpeechFailed, match=what) as caught:
         check(spoil(GOOD), "somebody")
     assert "somebody" in caught.value.message
-
-

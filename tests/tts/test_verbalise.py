@@ -22,7 +22,8 @@ def said(text: str) -> str:
         ("the 5 January", "the fifth of January"),
         ("the 5th of May", "the fifth of May"),
         ("Mon. 5 Jan. 2026", "Monday the fifth of January twenty twenty six"),
-        ("on 2026-11-24 or 11/24/2026.", "on November twenty fourth, twenty twenty six or November twenty fourth, twenty twenty six."),
+        ("on 2026-11-24.", "on November twenty fourth, twenty twenty six."),
+        ("11/24/2026?", "November twenty fourth, twenty twenty six?"),
         ("in 1999, 2005 and 1066", "in nineteen ninety nine, two thousand five and ten sixty six"),
         ("the 1990s, the '80s", "the nineteen nineties, the eighties"),
         ("at 14:05, 7:00 or 7 o'clock", "at fourteen oh five, seven o'clock or seven o'clock"),
@@ -33,7 +34,8 @@ def said(text: str) -> str:
         ("$3.50, $3 million and €5", "three dollars and fifty cents, three million dollars and five euros"),
         ("£1.2bn (or $0.99)", "one point two billion pounds (or ninety nine cents)"),
         ("5 USD, 100 €", "five dollars, one hundred euros"),
-        ("5 km at 20 °C, 60 mph and 3kg", "five kilometers at twenty degrees Celsius, sixty miles per hour and three kilograms"),
+        ("5 km at 20 °C", "five kilometers at twenty degrees Celsius"),
+        ("60 mph and 3kg", "sixty miles per hour and three kilograms"),
         ("1 km", "one kilometer"),
         ("5 million km", "five million kilometers"),
         ("5 in the box", "five in the box"),
@@ -45,7 +47,7 @@ def said(text: str) -> str:
         ("3 x 4, 3 * 4, 3 - 2", "three by four, three times four, three minus two"),
         ("2026 people came", "two thousand twenty six people came"),
         ("the 1st, 22nd and 100th", "the first, twenty second and one hundredth"),
-        ("12345678901234567890", " ".join("one two three four five six seven eight nine zero".split() * 2)),
+        ("1234567812345678", " ".join(["one", "two", "three", "four", "five", "six", "seven", "eight"] * 2)),
         # telephones
         ("Call 555-123-4567.", "Call five five five, one two three, four five six seven."),
         ("(555) 123-4567", "five five five, one two three, four five six seven"),
@@ -114,10 +116,10 @@ def test_words_with_a_pronunciation_of_their_own_are_left_alone() -> None:
 
 LETTERS_ONLY = re.compile(r"[^\d_$€£%&@#+=<>/\\{}\[\]|*^~\"]*")
 BITS = [
-    "5", "12", "1,000", ".5", "3.50", "$", "€", "%", "½", "²", "°C", " km", "/", "-", "—", ":", "30", " pm", " a.m.", "Jan. ",
-    "May ", "5th", "2026", "St. ", "Dr. ", "NASA", "CDs", "IV", " I ", "www.", "example.com", "@", "#", "(", ")", '"', "'",
-    "s", "x", "X", "+", "*", "_", "&", " ", "  ", "USD", " million", "é", "你", "\u0301", "٣", "①", "\n", "|", "\\", ".", "...",
-    "555", "-1234", "A", "b.", "~", "=", "<", ">", "^", "[", "]", "!", "'s",
+    "5", "12", "1,000", ".5", "3.50", "$", "€", "%", "½", "²", "°C", " km", "/", "-", "—", ":", "30", " pm",
+    " a.m.", "Jan. ", "May ", "5th", "2026", "St. ", "Dr. ", "NASA", "CDs", "IV", " I ", "www.", "example.com", "@",
+    "#", "(", ")", '"', "'", "s", "x", "X", "+", "*", "_", "&", " ", "  ", "USD", " million", "é", "你", "\u0301",
+    "٣", "①", "\n", "|", "\\", ".", "...", "555", "-1234", "A", "b.", "~", "=", "<", ">", "^", "[", "]", "!", "'s",
 ]  # fmt: skip
 MESS = st.lists(st.sampled_from(BITS), max_size=40).map("".join)
 

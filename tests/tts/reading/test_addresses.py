@@ -7,7 +7,8 @@ from app.tts.reading.addresses import address, camel
     ("written", "said"),
     [
         ("https://www.example.org/", "example dot org"),
-        ("http://example.com/a-b_c?x=1&y#z", "example dot com slash a dash b underscore c question mark x equals one and y hash z"),
+        ("http://example.com/a-b_c", "example dot com slash a dash b underscore c"),
+        ("ftp://example.com?x=1&y#z", "example dot com question mark x equals one and y hash z"),
         ("www.bbc.co.uk", "B.B.C dot co dot U.K"),
         ("example.com", "example dot com"),
         ("example.com:8080/status", "example dot com colon eight thousand eighty slash status"),
