@@ -53,6 +53,7 @@ class Document:
         self._marks: list[tuple[str, int]] = []  # since the last clause: name, number of the token it stands before
         self._style = Style()
         self._glued = False  # the next text goes on with the last word
+        self._broken = False  # a break stands behind the last clause, so its punctuation makes no pause
         self._lead = 0.0
         self._leading: list[Place] = []
 
@@ -126,13 +127,14 @@ class Document:
         else:
             last = self._clauses[-1]
             self._clauses[-1] = replace(last, pause=NO_PAUSE, silence=last.silence + seconds)
+            self._broken = True
 
     def _finish(self, pause: float | None) -> None:
         """End the clause; `pause`: what comes after it, None: what its punctuation says."""
         self._glued = False
         tokens, self._tokens = self._tokens, []
         if not tokens:  # marks wait for the next word
-            if pause is not None and self._clauses and not self._clauses[-1].silence:
+            if pause is not None and self._clauses and not self._broken:
                 self._clauses[-1] = replace(self._clauses[-1], pause=max(pause, self._clauses[-1].pause))
             return
         marks, self._marks = self._marks, []
@@ -160,6 +162,7 @@ class Document:
             made[0] = replace(first, lead=self._lead, marks=(*self._leading, *first.marks))
             self._lead, self._leading = 0.0, []
             self._clauses += made
+            self._broken = False
         self._marks = waiting
 
     def _clause(self, tokens: Sequence[_Token], pause: float, marks: Sequence[tuple[str, int]]) -> Iterator[Clause]:

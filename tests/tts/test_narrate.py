@@ -1,12 +1,16 @@
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from ssml_documents import DOCUMENT
 
 from app.align.dictionary import NO_LEXICON, Lexicon
 from app.errors import InputError, NotFound, NothingToSay, SpeechFailed
-from app.speech import SILENCE, Phone, Speech, Word
+from app.speech import SILENCE, Mark, Phone, Speech, Word
 from app.tts.mock import MockEngine
 from app.tts.narrate import check, narrate, with_pause
 from app.tts.planning import plan
@@ -148,3 +152,115 @@ def test_unsound_speech_is_refused(spoil: Callable[[Speech], Speech], what: str)
     with pytest.raises(SpeechFailed, match=what) as caught:
         check(spoil(GOOD), "somebody")
     assert "somebody" in caught.value.message
+
+
+# --- SSML and readings ------------------------------------------------------------------------------------------------
+
+
+def spoken(inner: str, *, speed: float = 1.0) -> list[Speech]:
+    return [check(speech, "mock") for speech in narrate(MockEngine(), f"<speak>{inner}</speak>", speed=speed)]
+
+
+def test_words_are_those_written_and_cover_what_is_said() -> None:
+    (speech,) = narrate(MockEngine(), 'It costs $3.50 "now".')
+    assert [word.text for word in speech.words] == ["It", "costs", "$3.50", '"now".']
+    said = MockEngine().speak("It costs three dollars and fifty cents now.").words
+    assert (speech.words[2].start, speech.words[2].end) == (said[2].start, said[6].end)
+    assert speech.words[3].start == said[7].start
+
+
+def test_marks_are_reached_when_their_word_begins() -> None:
+    first, second = spoken('One <mark name="a"/>$2<mark name="b"/>. <break time="1s"/><mark name="c"/>Three.')
+    assert [mark.name for mark in first.marks] == ["a", "b"]
+    assert first.marks[0].time == first.words[1].start
+    assert first.words[1].end <= first.marks[1].time == pytest.approx(first.duration - 1.0)
+    assert second.marks == (Mark("c", second.words[0].start),)
+
+
+def test_silence_before_the_first_word() -> None:
+    (plain,), (late,) = spoken("One."), spoken('<break time="1s"/><mark name="a"/><break time="1s"/>One.')
+    assert late.duration == pytest.approx(plain.duration + 2)
+    assert late.words[0].start == pytest.approx(plain.words[0].start + 2)
+    assert not late.samples[: 2 * late.rate].any()
+    assert late.phones[0].end == pytest.approx(plain.phones[0].end + 2)
+    assert late.marks == (Mark("a", 1.0),)
+
+
+def test_breaks_keep_their_time_at_any_speed() -> None:
+    for speed in (0.5, 2.0):
+        first, _ = spoken('One.<break time="1s"/>Two.', speed=speed)
+        (bare,) = spoken('One.<break strength="none"/>', speed=speed)
+        assert first.duration == pytest.approx(bare.duration + 1.0)
+
+
+@pytest.mark.parametrize(
+    ("rate", "speed", "pace"), [("50%", 1.0, 0.5), ("50%", 0.75, 0.5), ("400%", 1.0, 2.0), ("2", 0.5, 1.0)]
+)
+def test_rate_multiplies_the_speed_within_bounds(rate: str, speed: float, pace: float) -> None:
+    (speech,) = spoken(f'<prosody rate="{rate}">One two.</prosody>', speed=speed)
+    (plain,) = spoken("One two.", speed=pace)
+    assert speech.duration == pytest.approx(plain.duration)
+
+
+def test_volume_is_a_gain_that_never_clips() -> None:
+    (plain,), (soft,), (loud,), (silent,) = (
+        spoken(f'<prosody volume="{volume}">One.</prosody>') for volume in ("medium", "-6dB", "+20dB", "silent")
+    )
+    np.testing.assert_allclose(soft.samples, plain.samples * 10 ** (-6 / 20), atol=1e-6)
+    assert float(np.abs(loud.samples).max()) == pytest.approx(1.0, abs=1e-5)
+    np.testing.assert_allclose(loud.samples, plain.samples / np.abs(plain.samples).max(), atol=1e-5)
+    assert not silent.samples.any()
+    assert silent.words == plain.words
+
+
+def test_a_clause_without_sound_keeps_its_marks() -> None:
+    speeches = list(narrate(Counting(), '<speak><s>mute<mark name="a"/></s><s>Sound.</s></speak>'))
+    assert [speech.marks for speech in speeches] == [(Mark("a", 0.0),)]
+
+
+def test_phonemes_are_said_with_the_lexicon_of_the_text() -> None:
+    planned = plan('<speak><phoneme ph="ɹɛd">read</phoneme> Nguyen</speak>', lexicon={"Nguyen": "W IH N"})
+    (speech,) = narrate(MockEngine(), planned)
+    assert [phone.symbol for phone in speech.phones if phone.symbol != SILENCE] == ["R", "EH", "D", "W", "IH", "N"]
+    assert [word.text for word in speech.words] == ["read", "Nguyen"]
+
+
+SCRAPS = st.sampled_from([
+    "Hello", ". ", ", ", " ", "\n\n", "$3.50", "Jan. 5th", "10:30 pm", "NASA", "😀", "你", "**", "`", "# ", "½",
+    "www.a.com", "<", "&", "<speak>", "é", "\u0301", "\u202e", "\ud800", "\x00", "IV", "x", "-", "5", "'", '"',
+])  # fmt: skip
+
+
+def heard_whole(speeches: Iterator[Speech]) -> int:
+    """Go through the speech of a text; every piece is sound, and its marks and words lie within it and in order."""
+    pieces = 0
+    for speech in speeches:
+        check(speech, "mock")
+        assert speech.phones[0].start == 0
+        assert speech.phones[-1].end == pytest.approx(speech.duration)
+        times = [mark.time for mark in speech.marks]
+        assert times == sorted(times)
+        assert all(0 <= time <= speech.duration + 1e-9 for time in times)
+        pieces += 1
+    return pieces
+
+
+@settings(deadline=None, max_examples=60)
+@given(st.one_of(st.text(max_size=60), st.lists(SCRAPS, max_size=25).map("".join)))
+def test_any_text_is_spoken_or_refused_with_a_reason(text: str) -> None:
+    try:
+        assert heard_whole(narrate(MockEngine(), plan(text, markup="text")))
+    except NothingToSay:
+        assert not any("a" <= letter <= "z" for letter in text.lower())
+
+
+@settings(deadline=None, max_examples=60)
+@given(DOCUMENT)
+def test_any_document_is_spoken_or_refused_with_a_reason(document: str) -> None:
+    try:
+        planned = plan(document)
+        assert heard_whole(narrate(MockEngine(), planned))
+    except InputError:  # a say-as that cannot be, an empty element, or nothing to say
+        return
+    names = [mark.name for speech in narrate(MockEngine(), planned) for mark in speech.marks]
+    assert names == re.findall(r'<mark name="([^"]*)"', document)
