@@ -72,12 +72,15 @@ def _plain(text: str, own: Lexicon) -> tuple[list[Clause], tuple[str, ...]]:
 
 def _guessed(clauses: Sequence[Clause], own: Lexicon) -> tuple[str, ...]:
     dictionary = Dictionary().with_lexicon(own)
-    words: dict[str, str] = {}
+    spoken: dict[str, str] = {}
     for clause in clauses:
         for reading in clause.readings:
             if reading.as_written:
-                words.setdefault(folded(reading.spoken), reading.text)
-    return tuple(_bare(text) for word, text in words.items() if not dictionary.knows(word))
+                spoken.setdefault(reading.spoken, reading.text)
+    words: dict[str, str] = {}
+    for said, written in spoken.items():
+        words.setdefault(folded(said), written)
+    return tuple(_bare(written) for word, written in words.items() if not dictionary.knows(word))
 
 
 def _bare(written: str) -> str:

@@ -78,8 +78,16 @@ class _Part:
         """No stop keeps it from the next word."""
         return not self.after
 
+    @property
+    def ordinary(self) -> bool:
+        """A word in small letters that cannot be short for anything: most words of most texts."""
+        core = self.core
+        return len(core) > 2 and core.islower() and core.isalpha() and self.after[:1] != "." and core not in names.SHORT
+
     def said(self, spoken: str, *, dot: bool = True) -> str:
         """Spoken words with the punctuation that engines make pauses of."""
+        if not self.before and not self.after:
+            return spoken
         after = "".join(_SAID_STOPS.findall(self.after))
         if not dot and after.startswith("."):
             after = after[1:]
@@ -119,6 +127,11 @@ class _Line:
         readings: list[Reading] = []
         at = 0
         while at < len(self._parts):
+            part = self._parts[at]
+            if part.ordinary:
+                readings.append(Reading(part.text, part.said(part.core), as_written=True))
+                at += 1
+                continue
             spoken = self._together(at)
             if spoken:
                 readings += [
@@ -286,6 +299,12 @@ class _Line:
 
 class _Dotless(_Part):
     """A part whose first full stop is not said."""
+
+    @property
+    def ordinary(self) -> bool:
+        """A word in small letters that cannot be short for anything: most words of most texts."""
+        core = self.core
+        return len(core) > 2 and core.islower() and core.isalpha() and self.after[:1] != "." and core not in names.SHORT
 
     def said(self, spoken: str, *, dot: bool = True) -> str:  # noqa: ARG002
         return _Part.said(self, spoken, dot=False)

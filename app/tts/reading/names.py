@@ -26,7 +26,7 @@ _DOTTED: dict[str, str] = {
     "e.g": "for example", "i.e": "that is", "eg": "for example", "ie": "that is", "a.k.a": "also known as",
     "ph.d": "P.H.D", "temp": "temperature", "ext": "extension", "tel": "telephone", "al": "al",
 }  # fmt: skip
-_PLAIN = {"vs": "versus", "aka": "also known as", "w/o": "without", "w/": "with", "b/c": "because", "c/o": "care of",
+SHORT = {"vs": "versus", "aka": "also known as", "w/o": "without", "w/": "with", "b/c": "because", "c/o": "care of",
           "e.g": "for example", "i.e": "that is", "a.k.a": "also known as", "OK": "okay"}  # fmt: skip
 _BEFORE_NUMBER: dict[str, str] = {
     "no": "number", "nos": "numbers", "p": "page", "pp": "pages", "vol": "volume", "vols": "volumes", "ch": "chapter",
@@ -76,7 +76,7 @@ def abbreviation(word: str, dotted: bool, before: str, following: str) -> str:
         return _BEFORE_NUMBER[lowered]
     if dotted and lowered in _DOTTED:
         return _DOTTED[lowered]
-    return _PLAIN.get(word, "")
+    return SHORT.get(word, "")
 
 
 def _of_a_place(before: str, following: str) -> bool:
