@@ -37,7 +37,7 @@ class Reading:
     """A written word and what is said for it.
 
     Attributes:
-        text: as it is written, punctuation included; several words if they are one thing ("USD 5").
+        text: as it is written, punctuation included; several words if SSML makes them one.
         spoken: plain words with their punctuation; perhaps only punctuation, or nothing.
         as_written: the word itself is said, so a dictionary or letter-to-sound must know how.
     """
@@ -167,6 +167,10 @@ class _Line:
             hour = cardinal(int(core)) if dates.day(core) and core.isdecimal() else ""
             if said := dates.time(core, half=True) or hour:
                 return [said]
+        if core in amounts.CODES and (found := _NUMBER.match(after)):  # USD 5, as $5
+            single, many, *_ = amounts.CURRENCIES[amounts.CODES[core]]
+            said, size = amounts.sign(found[1]) + number(found[2]), amounts.magnitude(self._next(at + 1))
+            return [said, size, many] if size else [said, single if one(found[2]) else many]
         if amounts.magnitude(after):
             said, then = amounts.money(core, after)
             if said:

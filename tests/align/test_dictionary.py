@@ -91,3 +91,9 @@ def test_any_text_has_only_phones(text: str) -> None:
         for phones in word.pronunciations:
             assert phones
             assert set(phones) <= set(PHONES) - {SILENCE}
+
+
+def test_what_it_knows() -> None:
+    dictionary = Dictionary({"qwyxzk": "K W IH K"})
+    assert all(map(dictionary.knows, ["Hello,", "dog's", "well-known", "QWYXZK", "qwyxzk's", "...", "5"]))
+    assert not any(map(dictionary.knows, ["zzyxq", "well-zzyxq", "你"]))

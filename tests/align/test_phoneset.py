@@ -4,7 +4,7 @@ from pathlib import Path
 import hibari
 import pytest
 
-from app.align.phoneset import Sound, Unit, merge, phones_of
+from app.align.phoneset import Sound, Unit, merge, phones_of, unknown
 from app.speech import PHONES, SILENCE
 
 
@@ -73,3 +73,8 @@ def test_pauses_become_one_silence_and_leave_no_gap() -> None:
         Sound("B", 0.4, 0.5, 1),
     ]
     assert merge([Unit("ˈ", 0.0, 0.1), Unit(".", 0.1, 0.2)]) == [Sound(SILENCE, 0.0, 0.2)]
+
+
+def test_unknown_letters_of_a_phonetic_text() -> None:
+    assert [unknown(ipa) for ipa in ("təˈmeɪtoʊ", "d͡ʒʌd͡ʒ", "naːˑ.ʰt", "")] == ["", "", "", ""]
+    assert [unknown(ipa) for ipa in ("t5", "ta%", "tя")] == ["5", "%", "я"]

@@ -34,6 +34,7 @@ def said(text: str) -> str:
         ("$3.50, $3 million and €5", "three dollars and fifty cents, three million dollars and five euros"),
         ("£1.2bn (or $0.99)", "one point two billion pounds (or ninety nine cents)"),
         ("5 USD, 100 €", "five dollars, one hundred euros"),
+        ("EUR 5, USD 1 and GBP 2 million", "five euros, one dollar and two million pounds"),
         ("5 km at 20 °C", "five kilometers at twenty degrees Celsius"),
         ("60 mph and 3kg", "sixty miles per hour and three kilograms"),
         ("1 km", "one kilometer"),
