@@ -92,7 +92,7 @@ def serve(
 
 @app.command()
 def say(
-    text: Annotated[str, typer.Argument(help="What to say; - reads it from standard input.")] = "",
+    text: Annotated[str, typer.Argument(help="What to say, or SSML; - reads it from standard input.")] = "",
     output: Annotated[Path, typer.Option("--output", "-o", help="The MP4 file to write.")] = Path("mary.mp4"),
     avatar: Annotated[str | None, typer.Option(help="See: mary avatars.")] = None,
     voice: Annotated[str | None, typer.Option(help="See: mary voices.")] = None,

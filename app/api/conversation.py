@@ -235,7 +235,7 @@ class Conversation:
     async def _say(self, message: SayMessage) -> None:
         self._service.check_length(message.text)
         voice = self._service.voice(message.voice, self._stream.avatar).id if message.voice else ""
-        reading = Reading(voice, message.speed, message.lexicon, message.strict)
+        reading = Reading(voice, message.speed, message.lexicon, message.strict, message.markup)
         utterance = self._stream.say(
             message.text, interrupt=message.interrupt, reading=reading, phase=_phase(message.phase)
         )

@@ -11,7 +11,7 @@ from typing import Any, Literal
 from fastapi.exceptions import RequestValidationError
 from pydantic import BaseModel, Field, ValidationError
 
-from app.api.schemas import Lexicon, Name, Phase, Request, Speed, Strict, Text
+from app.api.schemas import Lexicon, Markup, Name, Phase, Request, Speed, Strict, Text
 from app.errors import InputError
 
 Rate = Literal[16_000, 24_000, 48_000]
@@ -65,6 +65,7 @@ class SayMessage(Request):
     speed: Speed = 1.0
     lexicon: Lexicon = Field(default={})
     strict: Strict = False
+    markup: Markup = "auto"
     phase: Phase | None = None
 
 

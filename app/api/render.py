@@ -22,6 +22,7 @@ from app.engine.avatar import Avatar
 from app.errors import OverCapacity
 from app.speech import Speech
 from app.stream.render import render_file
+from app.stream.utterance import Reading
 from app.tts.narrate import narrate
 
 router = APIRouter(prefix="/v1", tags=["render"])
@@ -56,7 +57,7 @@ class OnceFile(FileResponse):
 async def render(order: RenderRequest, request: Request, service: LoadedService) -> Response:
     """Speak a text into an MP4 file, as fast as the machine can. When the caller hangs up, the work stops."""
     service.check_length(order.text)
-    planned = service.plan(order.text, order.lexicon, strict=order.strict)
+    planned = service.plan(order.text, Reading(lexicon=order.lexicon, strict=order.strict, markup=order.markup))
     avatar = await service.avatar(order.avatar)
     voice = service.voice(order.voice, avatar).id
     headers = {}

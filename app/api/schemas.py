@@ -28,6 +28,9 @@ Lexicon = Annotated[
         examples=[{"Nguyen": "N UW Y EH N"}],
     ),
 ]
+Markup = Annotated[
+    Literal["auto", "text", "ssml"], Field(description="Whether the text is SSML; auto: if it begins with <speak.")
+]
 Strict = Annotated[bool, Field(description="Refuse words whose pronunciation would have to be guessed.")]
 
 
@@ -55,6 +58,7 @@ class StreamRequest(Request):
     speed: Speed = 1.0
     lexicon: Lexicon = {}
     strict: Strict = False
+    markup: Markup = "auto"
     start: Literal["viewer", "now"] = Field(
         default="viewer", description="viewer: speech waits for the first viewer, so that no word is lost."
     )
@@ -87,6 +91,7 @@ class SayRequest(Request):
     speed: Speed = 1.0
     lexicon: Lexicon = {}
     strict: Strict = False
+    markup: Markup = "auto"
     phase: Phase | None = None
 
 
@@ -107,6 +112,7 @@ class RenderRequest(Request):
     speed: Speed = 1.0
     lexicon: Lexicon = {}
     strict: Strict = False
+    markup: Markup = "auto"
 
 
 class _Form(BaseModel):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, TypeVar
 
@@ -152,15 +152,16 @@ class Service:
                 advice="Say it in parts: POST /v1/streams/{id}/say queues them one after another.",
             )
 
-    def plan(self, text: str, lexicon: Mapping[str, str], *, strict: bool) -> Plan:
+    def plan(self, text: str, reading: Reading) -> Plan:
         """What will be said of a text, with the service's own lexicon behind that of the caller.
 
         Raises:
             NothingToSay: nothing of it can be read.
-            InputError: the lexicon is wrong, or (`strict`) a pronunciation had to be guessed.
+            InputError: the lexicon or the SSML is wrong, or (`strict`) a pronunciation had to be guessed.
         """
-        planned = plan(text, lexicon={**self.settings.speech.lexicon, **lexicon})
-        if strict and planned.guessed:
+        own = {**self.settings.speech.lexicon, **reading.lexicon}
+        planned = plan(text, markup=reading.markup, lexicon=own)
+        if reading.strict and planned.guessed:
             raise InputError(
                 f"no dictionary has {', '.join(planned.guessed)[:200]}",
                 field="text",
@@ -169,7 +170,7 @@ class Service:
         return planned
 
     def _narrator(self, text: str, reading: Reading) -> Script:
-        planned = self.plan(text, reading.lexicon, strict=reading.strict)
+        planned = self.plan(text, reading)
         speeches = narrate(self.engine, planned, voice=reading.voice, speed=reading.speed)
         return Script(speeches, planned.unread, planned.guessed)
 

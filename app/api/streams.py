@@ -42,7 +42,8 @@ async def create(
     order = order or StreamRequest()
     if order.text is not None:  # what will be refused must be so before there is a stream
         service.check_length(order.text)
-        service.plan(order.text, order.lexicon, strict=order.strict)
+        reading = _reading(order, "")
+        service.plan(order.text, reading)
     avatar = await service.avatar(order.avatar)
     voice = service.voice(order.voice, avatar)
     pushes, rtmp = targets(order, service.settings.push)
@@ -55,7 +56,6 @@ async def create(
     )
     utterance = None
     if order.text is not None:
-        reading = Reading(speed=order.speed, lexicon=order.lexicon, strict=order.strict)
         utterance = stream.say(order.text, reading=reading, phase=_phase(order.phase))
     here = f"/v1/streams/{stream.id}"
     response.headers.update({"Location": here, "Cache-Control": "no-store"})
@@ -95,8 +95,9 @@ async def say(stream_id: str, order: SayRequest, service: LoadedService) -> SayA
     stream = service.streams.get(stream_id)
     service.check_length(order.text)
     voice = service.voice(order.voice, stream.avatar).id if order.voice else ""
-    reading = Reading(voice, order.speed, order.lexicon, order.strict)
-    utterance = stream.say(order.text, interrupt=order.interrupt, reading=reading, phase=_phase(order.phase))
+    utterance = stream.say(
+        order.text, interrupt=order.interrupt, reading=_reading(order, voice), phase=_phase(order.phase)
+    )
     return SayAccepted(utterance=_said(utterance), server_time_ms=_now_ms())
 
 
@@ -130,6 +131,10 @@ async def shown(stream_id: str, utterance: str, order: ShownRequest, service: Lo
 
 def _phase(phase: Phase | None) -> IdlePhase | None:
     return IdlePhase(phase.frame, phase.at_ms) if phase else None
+
+
+def _reading(order: StreamRequest | SayRequest, voice: str) -> Reading:
+    return Reading(voice, order.speed, order.lexicon, order.strict, order.markup)
 
 
 def _said(utterance: Utterance) -> Said:

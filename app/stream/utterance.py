@@ -46,12 +46,14 @@ class Reading:
         speed: 1 = the voice's own pace.
         lexicon: word to ARPAbet, for words that would be said otherwise.
         strict: refuse words whose pronunciation had to be guessed.
+        markup: whether the text is SSML; "auto" looks at how it begins.
     """
 
     voice: str = ""
     speed: float = 1.0
     lexicon: Mapping[str, str] = field(default_factory=dict)
     strict: bool = False
+    markup: Literal["auto", "text", "ssml"] = "auto"
 
 
 Narrator = Callable[[str, Reading], Script]
