@@ -183,6 +183,7 @@ class Service:
             self.listening.check()
             await in_thread(self.shelf.get, self.shelf.default)
             await in_thread(self.engine.warm_up)
+            await in_thread(plan, "Hello.")  # loads the dictionary
             self.pool = OrderedPool(settings.engine.workers or len(os.sched_getaffinity(0)))
             self.streams = await Streams(settings, self._narrator, self.pool).__aenter__()
         except Exception as error:
