@@ -127,3 +127,12 @@ def _at(position: float, edges: Sequence[float], times: Sequence[float], *, afte
 
 def _bare(word: str) -> str:
     return "".join(letter for letter in word.lower() if letter.isalnum())
+
+
+def parts(written: str) -> tuple[str, str, str]:
+    """What stands before a written word, the word itself, and what stands after it: ``("(``, ``wait``, ``!)")``."""
+    letters = [at for at, letter in enumerate(written) if letter.isalnum()]
+    if not letters:
+        return written, "", ""
+    start, end = letters[0], letters[-1] + 1
+    return written[:start], written[start:end], written[end:]
