@@ -18,9 +18,10 @@ from pydantic import BaseModel, ConfigDict, Field
 from app.align.dictionary import Pronunciation
 from app.align.phoneset import Sound, Unit, merge, phones_of
 from app.errors import ConfigError, MissingExtra, NotFound, NothingToSay
-from app.speech import PHONES, SILENCE, Phone, Speech, Word
+from app.speech import PHONES, SILENCE, Phone, Speech
 from app.tts.engine import Voice
 from app.tts.espeak_process import EspeakProcess, EspeakVoice, Timed, Uttered
+from app.tts.takes import words_of
 from app.tts.words import assign, parts
 
 RATE = 22_050  # samples a second
@@ -46,13 +47,15 @@ class EspeakEngine:
         model_config = ConfigDict(extra="forbid", frozen=True)
 
         seconds: float = Field(10.0, gt=0)  # time limit of one call
-        variants: tuple[str, ...] = ("f2",)  # of espeak's variants of every voice, those to offer: f1 to f5, m1 to m8 ...
+        variants: tuple[str, ...] = (
+            "f2",
+        )  # of every voice to offer: f1 to f5, m1 to m8, Annie ...
 
     name = "espeak"
     pronounces = True
 
-    def __init__(self, options: Options = Options()) -> None:  # noqa: B008: it is frozen
-        self._options = options
+    def __init__(self, options: Options | None = None) -> None:
+        self._options = options = options or self.Options()
         self._espeak = EspeakProcess(self.name, options.seconds)
         self._lock = threading.Lock()
         self._voices: dict[str, tuple[Voice, str]] = {}  # and espeak's identifier
@@ -159,10 +162,15 @@ def bcp47(language: str) -> str:
     return "-".join([first, *rest])
 
 
-def mnemonics(pronunciation: Pronunciation) -> str:
-    """ARPAbet as espeak's own phonemes, in the brackets that make it read them; the first full vowel is stressed."""
+def stress(pronunciation: Pronunciation) -> int:
+    """Which phone to stress, since a lexicon does not say: the first full vowel, else the first vowel, else -1."""
     vowels = [at for at, phone in enumerate(pronunciation) if phone in _VOWELS]
-    stressed = next((at for at in vowels if pronunciation[at] != "AH"), vowels[0] if vowels else -1)
+    return next((at for at in vowels if pronunciation[at] != "AH"), vowels[0] if vowels else -1)
+
+
+def mnemonics(pronunciation: Pronunciation) -> str:
+    """ARPAbet as espeak's own phonemes, in the brackets that make it read them."""
+    stressed = stress(pronunciation)
     letters = [_MNEMONICS[phone] for phone in pronunciation]
     if stressed >= 0:
         letters[stressed] = "'" + ("V" if pronunciation[stressed] == "AH" else letters[stressed])
@@ -211,20 +219,16 @@ def _speech(sounds: Sequence[Sound], words: Sequence[str], uttered: Uttered) -> 
     """The sound with silence at both ends, and what is heard when."""
     edge = round(EDGE * uttered.rate)
     samples = np.pad(uttered.samples, edge)
-    lead = edge / uttered.rate
-    phones = [Phone(SILENCE, 0.0, lead)]
-    times: dict[int, tuple[float, float]] = {}
-    for sound in sounds:
-        start, end = sound.start + lead, sound.end + lead
-        if end <= start:
-            continue
-        if sound.symbol == phones[-1].symbol == SILENCE:
-            phones[-1] = Phone(SILENCE, phones[-1].start, end)
-        else:
-            phones.append(Phone(sound.symbol, start, end))
-        if sound.word >= 0:
-            times[sound.word] = (times.get(sound.word, (start, end))[0], end)
-    last = phones.pop() if phones[-1].symbol == SILENCE else Phone(SILENCE, phones[-1].end, 0.0)
-    phones.append(Phone(SILENCE, last.start, len(samples) / uttered.rate))
-    said = tuple(Word(words[number], *times[number]) for number in sorted(times))
-    return Speech(samples, uttered.rate, tuple(phones), said)
+    lead, duration = edge / uttered.rate, len(samples) / uttered.rate
+    moved = [replace(sound, start=sound.start + lead, end=sound.end + lead) for sound in sounds]
+    if moved[0].symbol == SILENCE:
+        moved[0] = replace(moved[0], start=0.0)
+    else:
+        moved.insert(0, Sound(SILENCE, 0.0, lead))
+    if moved[-1].symbol == SILENCE:
+        moved[-1] = replace(moved[-1], end=duration)
+    else:
+        moved.append(Sound(SILENCE, moved[-1].end, duration))
+    phones = tuple(Phone(sound.symbol, sound.start, sound.end) for sound in moved)
+    numbered = [(word, range(number, number + 1)) for number, word in enumerate(words)]
+    return Speech(samples, uttered.rate, phones, words_of(moved, numbered))

@@ -2,7 +2,7 @@
 
 `app.tts.espeak_process` is the other end. The questions are ``{"task": name, ...}``:
 
-- ``voices`` answers ``[[identifier, name, language, sex], ...]``, all languages, then the variants (language "variant").
+- ``voices`` answers ``[[identifier, name, language, sex], ...]``, all languages, then variants (language "variant").
 - ``speak`` with ``text``, ``voice``, ``pace`` (words a minute) and ``mnemonics`` (whether ``[[...]]`` in the text is
   phonemes) answers ``{"rate": samples a second, "events": [...]}`` with the samples (int16) as bytes. An event is
   ``["word", position in the text from 0, sample]`` or ``["phone", IPA or "" for a pause, sample]``.

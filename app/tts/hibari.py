@@ -11,7 +11,7 @@ import json
 import re
 import threading
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -24,23 +24,20 @@ from hibari.g2p import G2P
 from hibari.g2p.normalize import normalize
 from numpy.typing import NDArray
 
-from app.align.boundaries import activity, settle
+from app.align.boundaries import settle
 from app.align.dictionary import NO_LEXICON, Lexicon, folded
-from app.align.phoneset import Sound, Unit, merge
+from app.align.phoneset import Unit, merge
 from app.errors import MissingExtra, NotFound, NothingToSay, SpeechFailed
-from app.speech import SILENCE, Phone, Speech, Word
+from app.speech import Phone, Speech
 from app.tts.engine import Voice
 from app.tts.onnx_output import expose, outputs_of
+from app.tts.takes import Take, joined, trimmed, words_of
 from app.tts.text import LONGEST_PIECE, fold, split
 from app.tts.words import assign
 
 RATE = 24_000  # samples a second
 SEED = 0  # of the noise in the voice: the same text always makes the same samples
 LAG = 0.047  # 47 ms: the network's durations trail the sound by this (median against a forced aligner)
-LEAD = 0.060  # 60 ms of silence before the first phone
-TAIL = 0.060  # 60 ms after the last
-FADE = 0.005  # 5 ms, where the model's own silence is cut
-EDGE_REACH = 0.040  # 40 ms: how far outside the first and last phone sound still belongs to them
 MOST_SYMBOLS = 400  # in one run of the model; it was trained on single sentences
 _LONG_NUMBER = re.compile(r"\d(?:[,.]?\d){15,}")  # read digit by digit: number words end somewhere
 
@@ -107,7 +104,7 @@ class HibariEngine:
         model, reader = self._loaded(voice or catalogue.DEFAULT)
         pieces = [text] if len(text) <= LONGEST_PIECE else [clause.text for clause in split(text)]
         noise = np.random.default_rng(SEED)
-        takes: list[_Take] = []
+        takes: list[Take] = []
         written: list[tuple[str, range]] = []
         unread: list[str] = []
         count = 0  # of spoken words
@@ -116,15 +113,15 @@ class HibariEngine:
             unread += reading.unread
             written += [(word, range(span.start + count, span.stop + count)) for word, span in reading.words]
             for letters in _runs([letter for letter in reading.letters if model.knows(letter.symbol)]):
-                take = _trimmed(model.run(letters, speed, noise, count))
+                take = trimmed(model.run(letters, speed, noise, count), RATE)
                 if take is not None:
                     takes.append(take)
             count += reading.spoken
         if not takes:
             raise NothingToSay("the text has nothing to say", field="text")
-        samples, sounds = _joined(takes)
+        samples, sounds = joined(takes, RATE)
         phones = tuple(Phone(sound.symbol, sound.start, sound.end) for sound in sounds)
-        return Speech(samples, RATE, phones, _words(sounds, written), tuple(dict.fromkeys(unread)))
+        return Speech(samples, RATE, phones, words_of(sounds, written), tuple(dict.fromkeys(unread)))
 
     def close(self) -> None:
         """Nothing is held that has to be given back."""
@@ -244,14 +241,6 @@ def _digit_by_digit(number: re.Match[str]) -> str:
 # --- phoneme letters to sound and times -------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
-class _Take:
-    """Sound, shape (n,), and gapless phones from 0 to its end."""
-
-    samples: NDArray[np.float32]
-    sounds: list[Sound]
-
-
 class _Model:
     """One voice's network with its durations readable. `run` may be called from several threads."""
 
@@ -277,7 +266,7 @@ class _Model:
     def knows(self, letter: str) -> bool:
         return letter in self._numbers
 
-    def run(self, letters: Sequence[_Written], speed: float, noise: np.random.Generator, count: int) -> _Take:
+    def run(self, letters: Sequence[_Written], speed: float, noise: np.random.Generator, count: int) -> Take:
         """Speak phoneme letters that the model knows; `count` is added to the numbers of their words."""
         numbers = [0, *(self._numbers[letter.symbol] for letter in letters), 0]  # a silent letter at both ends
         *spectrum, durations = self._session.run(
@@ -296,7 +285,7 @@ class _Model:
         for at, letter in enumerate(letters):
             units.append(Unit(letter.symbol, ends[at], ends[at + 1], letter.word + count if letter.word >= 0 else -1))
         units.append(Unit("", ends[-2], ends[-1]))
-        return _Take(samples, settle(merge(units), samples, RATE, lag=self._lag))
+        return Take(samples, settle(merge(units), samples, RATE, lag=self._lag))
 
 
 def _runs(letters: Sequence[_Written]) -> Iterator[Sequence[_Written]]:
@@ -309,62 +298,3 @@ def _runs(letters: Sequence[_Written]) -> Iterator[Sequence[_Written]]:
         if any(letter.word >= 0 for letter in letters[start:end]):
             yield letters[start:end]
         start = end
-
-
-def _trimmed(take: _Take) -> _Take | None:
-    """The take with the model's own silence at both ends cut to `LEAD` and `TAIL`; None if it is all silence."""
-    inner = list(take.sounds)
-    while inner and inner[0].symbol == SILENCE:
-        inner.pop(0)
-    while inner and inner[-1].symbol == SILENCE:
-        inner.pop()
-    if not inner:
-        return None
-    times, loud = activity(take.samples, RATE)
-    heard = times[loud]
-    start, end = inner[0].start, inner[-1].end
-    if len(heard):
-        start = max(min(start, float(heard[0])), start - EDGE_REACH, 0.0)
-        end = max(end, min(float(heard[-1]), end + EDGE_REACH))
-    first, last = round((start - LEAD) * RATE), round((end + TAIL) * RATE)
-    body = take.samples[max(0, first) : last].copy()
-    ramp = np.linspace(0.0, 1.0, round(FADE * RATE), dtype=np.float32)[: len(body)]
-    body[: len(ramp)] *= ramp
-    body[len(body) - len(ramp) :] *= ramp[::-1]
-    samples = np.pad(body, (max(0, -first), max(0, last - len(take.samples))))
-    samples /= max(1.0, float(np.abs(samples).max()))
-    inner[0] = replace(inner[0], start=start)
-    inner[-1] = replace(inner[-1], end=end)
-    origin = first / RATE
-    sounds = [replace(sound, start=sound.start - origin, end=sound.end - origin) for sound in inner]
-    lead, tail = Sound(SILENCE, 0.0, sounds[0].start), Sound(SILENCE, sounds[-1].end, len(samples) / RATE)
-    return _Take(samples, [lead, *sounds, tail])
-
-
-def _joined(takes: Sequence[_Take]) -> tuple[NDArray[np.float32], list[Sound]]:
-    """Takes one after the other; silences that meet become one."""
-    sounds: list[Sound] = []
-    offset = 0
-    for take in takes:
-        shift = offset / RATE
-        moved = [replace(sound, start=sound.start + shift, end=sound.end + shift) for sound in take.sounds]
-        if sounds:
-            moved[0] = replace(moved[0], start=sounds.pop().start)
-        sounds += moved
-        offset += len(take.samples)
-    return np.concatenate([take.samples for take in takes]), sounds
-
-
-def _words(sounds: Sequence[Sound], written: Sequence[tuple[str, range]]) -> tuple[Word, ...]:
-    """The written words with the times of their phones; a word without a phone is left out."""
-    times: dict[int, tuple[float, float]] = {}
-    for sound in sounds:
-        if sound.word >= 0:
-            start = times[sound.word][0] if sound.word in times else sound.start
-            times[sound.word] = (start, sound.end)
-    words: list[Word] = []
-    for text, span in written:
-        spans = [times[number] for number in span if number in times]
-        if spans:
-            words.append(Word(text, spans[0][0], spans[-1][1]))
-    return tuple(words)

@@ -39,8 +39,8 @@ class Pyttsx3Engine:
     name = "pyttsx3"
     pronounces = False
 
-    def __init__(self, options: Options = Options()) -> None:  # noqa: B008: it is frozen
-        self._options = options
+    def __init__(self, options: Options | None = None) -> None:
+        self._options = options or self.Options()
         self._worker = Worker("app.tts.pyttsx3_worker")
         self._lock = threading.Lock()
         self._voices: tuple[Voice, ...] = ()

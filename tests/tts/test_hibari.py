@@ -14,8 +14,9 @@ from hypothesis import strategies as st
 from app.align.boundaries import activity
 from app.errors import MissingExtra, NotFound, NothingToSay, SpeechFailed
 from app.speech import SILENCE, Speech
-from app.tts.hibari import LEAD, RATE, TAIL, HibariEngine
+from app.tts.hibari import RATE, HibariEngine
 from app.tts.narrate import check, narrate
+from app.tts.takes import LEAD, TAIL
 from app.tts.text import clean
 
 
