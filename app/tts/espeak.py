@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import threading
 from bisect import bisect_right
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from app.align.dictionary import Pronunciation
+from app.align.dictionary import NO_LEXICON, Lexicon, Pronunciation, folded
 from app.align.phoneset import Sound, Unit, merge, phones_of
 from app.errors import ConfigError, MissingExtra, NotFound, NothingToSay
 from app.speech import PHONES, SILENCE, Phone, Speech
@@ -35,6 +35,7 @@ _MNEMONICS = {
     "L": "l", "M": "m", "N": "n", "NG": "N", "OW": "oU", "OY": "OI", "P": "p", "R": "r", "S": "s", "SH": "S", "T": "t",
     "TH": "T", "UH": "U", "UW": "u:", "V": "v", "W": "w", "Y": "j", "Z": "z", "ZH": "Z",
 }  # fmt: skip
+_STOPS = frozenset(",.;:!?()\"'")
 _VOWELS = frozenset(symbol for symbol in PHONES if symbol[0] in "AEIOU")
 
 
@@ -46,10 +47,8 @@ class EspeakEngine:
 
         model_config = ConfigDict(extra="forbid", frozen=True)
 
-        seconds: float = Field(10.0, gt=0)  # time limit of one call
-        variants: tuple[str, ...] = (
-            "f2",
-        )  # of every voice to offer: f1 to f5, m1 to m8, Annie ...
+        seconds: float = Field(default=10.0, gt=0)  # time limit of one call
+        variants: tuple[str, ...] = ("f2",)  # of every voice to offer: f1 to f5, m1 to m8, Annie ...
 
     name = "espeak"
     pronounces = True
@@ -72,9 +71,7 @@ class EspeakEngine:
         """Start the process."""
         self._known()
 
-    def speak(
-        self, text: str, *, voice: str = "", speed: float = 1.0, lexicon: Mapping[str, Pronunciation] = {}
-    ) -> Speech:
+    def speak(self, text: str, *, voice: str = "", speed: float = 1.0, lexicon: Lexicon = NO_LEXICON) -> Speech:
         known = self._known()
         if (voice or DEFAULT) not in known:
             raise NotFound(
@@ -177,12 +174,14 @@ def mnemonics(pronunciation: Pronunciation) -> str:
     return f"[[{'|'.join(letters)}]]"  # the bars keep T and SH from being CH
 
 
-def _spoken(written: str, lexicon: Mapping[str, Pronunciation]) -> str:
+def _spoken(written: str, lexicon: Lexicon) -> str:
     """What espeak reads for a written word: nothing of it is a command."""
     plain = "".join(letter if letter.isprintable() else " " for letter in written).replace("[[", "((")
-    before, core, after = parts(plain)
-    pronunciation = lexicon.get(core.casefold())
-    return f"{before}{mnemonics(pronunciation)}{after}" if pronunciation else plain
+    pronunciation = lexicon.get(folded(plain))
+    if pronunciation is None:
+        return plain
+    before, _, after = ("".join(letter for letter in part if letter in _STOPS) for part in parts(plain))
+    return f"{before}{mnemonics(pronunciation)}{after}"
 
 
 def _units(uttered: Uttered, owners: Sequence[int]) -> list[Unit]:

@@ -84,7 +84,7 @@ class EspeakProcess:
                 position = what
             else:
                 phonemes.append(Timed(what, sample, position))
-        samples = np.frombuffer(sound, np.int16).astype(np.float32) / 32768
+        samples = np.frombuffer(sound, np.int16).astype(np.float32) / np.float32(32768)
         return Uttered(samples, answer["rate"], tuple(phonemes))
 
     def ipa(self, texts: Sequence[str], voice: str) -> list[str]:

@@ -7,6 +7,7 @@ import re
 import unicodedata
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +22,8 @@ PAD, START, END = "_", "^", "$"
 SAMPLES_PER_STEP = 256  # of the durations, where the JSON says nothing else
 
 _LICENCES = {"cc0": "CC0-1.0", "mit": "MIT", "apache": "Apache-2.0", "public domain": "CC-PDDC"}
-_WOMEN = frozenset("amy lessac kathleen kristin ljspeech alba cori jenny_dioco".split())
-_MEN = frozenset("joe ryan alan john norman bryce danny kusal".split())
+_WOMEN = frozenset(["amy", "lessac", "kathleen", "kristin", "ljspeech", "alba", "cori", "jenny_dioco"])
+_MEN = frozenset(["joe", "ryan", "alan", "john", "norman", "bryce", "danny", "kusal"])
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,4 +190,4 @@ class PiperModel:
         if len(durations) != len(numbers) or abs(edges[-1] - len(samples) / self.voice.rate) > 0.05:
             return samples, None
         at = np.cumsum([0, *sizes])
-        return samples, [(float(edges[a]), float(edges[b])) for a, b in zip(at[:-1], at[1:], strict=True)]
+        return samples, [(float(edges[a]), float(edges[b])) for a, b in pairwise(at)]

@@ -19,9 +19,9 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from app.align.boundaries import settle
-from app.align.dictionary import Pronunciation
+from app.align.dictionary import NO_LEXICON, Lexicon, Pronunciation, folded
 from app.align.phoneset import Unit, merge
-from app.errors import ConfigError, MissingExtra, NotFound, NothingToSay
+from app.errors import ConfigError, MissingExtra, NotFound, NothingToSay, SpeechFailed
 from app.speech import Phone, Speech
 from app.tts.engine import Voice
 from app.tts.espeak import stress
@@ -69,7 +69,7 @@ class PiperEngine:
         model_config = ConfigDict(extra="forbid", frozen=True)
 
         voices: Path | None = None  # a voice file, or a folder of them; besides the one that comes by pip
-        seconds: float = Field(10.0, gt=0)  # time limit of finding the phonemes of one text
+        seconds: float = Field(default=10.0, gt=0)  # time limit of finding the phonemes of one text
 
     name = "piper"
     pronounces = True
@@ -84,8 +84,8 @@ class PiperEngine:
                 advice="Name a .onnx file with its .onnx.json beside it, or a folder of such files.",
             )
         self._espeak = EspeakProcess(self.name, self._options.seconds)
-        self._lock = threading.Lock()
-        self._files: dict[str, VoiceFile] | None = None
+        self._finding, self._loading = threading.Lock(), threading.Lock()
+        self._files: dict[str, VoiceFile | SpeechFailed] | None = None
         self._models: dict[str, PiperModel] = {}
 
     def voices(self) -> tuple[Voice, ...]:
@@ -100,9 +100,16 @@ class PiperEngine:
             return (
                 Voice(name, "Joe", "en-US", "male", 22_050, "CC0-1.0", self.name, installed=False, missing=_MISSING),
             )
-        return tuple(
-            Voice(key, key, file.language, file.sex, file.rate, file.licence, self.name, not missing, missing)
-            for key, file, _ in self._speakers()
+        broken = [(name, file) for name, file in files.items() if isinstance(file, SpeechFailed)]
+        return (
+            *(
+                Voice(key, key, file.language, file.sex, file.rate, file.licence, self.name, not missing, missing)
+                for key, file, _ in self._speakers()
+            ),
+            *(
+                Voice(name, name, "", "", 0, "", self.name, False, f"it properly: {why.message}")
+                for name, why in broken
+            ),
         )
 
     def warm_up(self) -> None:
@@ -110,9 +117,7 @@ class PiperEngine:
         if not self._models:
             self.speak("Hello.")
 
-    def speak(
-        self, text: str, *, voice: str = "", speed: float = 1.0, lexicon: Mapping[str, Pronunciation] = {}
-    ) -> Speech:
+    def speak(self, text: str, *, voice: str = "", speed: float = 1.0, lexicon: Lexicon = NO_LEXICON) -> Speech:
         model, speaker = self._chosen(voice)
         rate = model.voice.rate
         words = text.split()
@@ -151,9 +156,9 @@ class PiperEngine:
 
     # --- voices
 
-    def _found(self) -> dict[str, VoiceFile]:
-        """The voice files by name: those of the options, then the packaged one."""
-        with self._lock:
+    def _found(self) -> dict[str, VoiceFile | SpeechFailed]:
+        """The voice files by name, or why they cannot be used: those of the options, then the packaged one."""
+        with self._finding:
             if self._files is None:
                 paths: list[Path] = []
                 if (where := self._options.voices) is not None:
@@ -161,20 +166,22 @@ class PiperEngine:
                 package = find_spec(PACKAGE)
                 for place in (package.submodule_search_locations or []) if package else []:
                     paths += sorted(Path(place).rglob("*.onnx"))
-                files: dict[str, VoiceFile] = {}
-                for path in paths:
-                    files.setdefault(path.stem, read_voice(path))
-                self._files = files
+                self._files = {path.stem: _read_or_why(path) for path in reversed(paths)}
+                self._files = dict(reversed(self._files.items()))  # of two with one name the first counts
             return self._files
 
     def _speakers(self) -> Iterator[tuple[str, VoiceFile, int]]:
         """Id, file and number of every speaker; a file that has several is there by its own name, too."""
         for name, file in self._found().items():
+            if isinstance(file, SpeechFailed):
+                continue
             yield name, file, next(iter(file.speakers.values()), 0)
             for speaker, number in file.speakers.items():
                 yield f"{name}/{speaker}", file, number
 
     def _chosen(self, voice: str) -> tuple[PiperModel, int]:
+        if isinstance(why := self._found().get(voice), SpeechFailed):
+            raise why
         known = {key: (file, number) for key, file, number in self._speakers()}
         if not known:
             raise MissingExtra(
@@ -187,19 +194,17 @@ class PiperEngine:
                 f"speech engine piper has no voice {voice!r}", field="voice", advice=f"It has: {', '.join(known)}."
             )
         file, number = known[voice or next(iter(known))]
-        with self._lock:
+        with self._loading:
             if file.name not in self._models:
                 self._models[file.name] = PiperModel(file)
             return self._models[file.name], number
 
     # --- text to phonemes
 
-    def _read(
-        self, voice: VoiceFile, text: str, words: Sequence[str], lexicon: Mapping[str, Pronunciation]
-    ) -> list[list[_Letter]]:
+    def _read(self, voice: VoiceFile, text: str, words: Sequence[str], lexicon: Lexicon) -> list[list[_Letter]]:
         """The phonemes of each run of the network; runs without a sound are left out."""
         plain = ["".join(letter if letter.isprintable() else " " for letter in word) for word in words]
-        own = {at: said for at, word in enumerate(plain) if (said := lexicon.get(parts(word)[1].casefold()))}
+        own = {at: lexicon[key] for at, word in enumerate(plain) if (key := folded(word)) in lexicon}
         runs = [list(_phrases(plain, run)) for run in _runs(text, words)]
         pieces = [piece for run in runs for phrase in run for piece in _pieces(phrase.words, own)]
         asked = [" ".join(plain[word] for word in piece) for piece in pieces if piece.start not in own]
@@ -213,18 +218,25 @@ class PiperEngine:
                 said: list[_Letter] = []
                 for piece in _pieces(phrase.words, own):
                     if piece.start in own:
-                        spoken = [_Letter(x, piece.start) for x in voice.letters(_ipa(own[piece.start]))]
+                        heard = [_Letter(x, piece.start) for x in voice.letters(_ipa(own[piece.start]))]
                     else:
                         expected = [voice.letters(single[plain[word]]) for word in piece]
-                        spoken = _owned(voice.letters(next(sentences)), expected, piece.start)
-                    if spoken:
-                        said += [_Letter(" ", -1), *spoken] if said else spoken
+                        heard = _owned(voice.letters(next(sentences)), expected, piece.start)
+                    if heard:
+                        said += [_Letter(" ", -1), *heard] if said else heard
                 if said:
                     letters += [_Letter(" ", -1), *said] if letters else said
                     letters += [_Letter(x, -1) for x in voice.letters(phrase.stop)]
             if letters:
                 result.append(letters)
         return result
+
+
+def _read_or_why(path: Path) -> VoiceFile | SpeechFailed:
+    try:
+        return read_voice(path)
+    except SpeechFailed as error:
+        return error
 
 
 def _runs(text: str, words: Sequence[str]) -> Iterator[range]:

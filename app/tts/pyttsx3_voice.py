@@ -8,13 +8,12 @@ from __future__ import annotations
 
 import tempfile
 import threading
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from app.align.dictionary import Pronunciation
+from app.align.dictionary import NO_LEXICON, Lexicon
 from app.align.sound_file import read_sound
 from app.errors import InputError, MissingExtra, NotFound, NothingToSay, SpeechFailed
 from app.speech import Speech
@@ -34,7 +33,7 @@ class Pyttsx3Engine:
 
         model_config = ConfigDict(extra="forbid", frozen=True)
 
-        seconds: float = Field(10.0, gt=0)  # time limit of one call
+        seconds: float = Field(default=10.0, gt=0)  # time limit of one call
 
     name = "pyttsx3"
     pronounces = False
@@ -58,9 +57,7 @@ class Pyttsx3Engine:
         """Start the process and read its voices."""
         self._known()
 
-    def speak(
-        self, text: str, *, voice: str = "", speed: float = 1.0, lexicon: Mapping[str, Pronunciation] = {}
-    ) -> Speech:
+    def speak(self, text: str, *, voice: str = "", speed: float = 1.0, lexicon: Lexicon = NO_LEXICON) -> Speech:
         del lexicon  # the system's voices take no phonemes that all of them understand
         known = [each.id for each in self._known()]
         if voice and voice not in known:

@@ -15,6 +15,9 @@ _PLUGINS: Plugins[SpeechEngine] = Plugins(
     field="speech.engine",
     ours={
         "hibari": ("app.tts.hibari", "HibariEngine"),
+        "espeak": ("app.tts.espeak", "EspeakEngine"),
+        "piper": ("app.tts.piper_voice", "PiperEngine"),
+        "pyttsx3": ("app.tts.pyttsx3_voice", "Pyttsx3Engine"),
         "openai": ("app.tts.openai_speech", "OpenAiEngine"),
         "http": ("app.tts.http_speech", "HttpEngine"),
         "mock": ("app.tts.mock", "MockEngine"),
