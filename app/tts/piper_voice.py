@@ -107,7 +107,7 @@ class PiperEngine:
                 for key, file, _ in self._speakers()
             ),
             *(
-                Voice(name, name, "", "", 0, "", self.name, False, f"it properly: {why.message}")
+                Voice(name, name, "", "", 0, "", self.name, installed=False, missing=f"it anew ({why.message})")
                 for name, why in broken
             ),
         )
@@ -166,8 +166,10 @@ class PiperEngine:
                 package = find_spec(PACKAGE)
                 for place in (package.submodule_search_locations or []) if package else []:
                     paths += sorted(Path(place).rglob("*.onnx"))
-                self._files = {path.stem: _read_or_why(path) for path in reversed(paths)}
-                self._files = dict(reversed(self._files.items()))  # of two with one name the first counts
+                self._files = {}
+                for path in paths:
+                    if path.stem not in self._files:
+                        self._files[path.stem] = _read_or_why(path)
             return self._files
 
     def _speakers(self) -> Iterator[tuple[str, VoiceFile, int]]:
@@ -181,7 +183,7 @@ class PiperEngine:
 
     def _chosen(self, voice: str) -> tuple[PiperModel, int]:
         if isinstance(why := self._found().get(voice), SpeechFailed):
-            raise why
+            raise SpeechFailed(why.message, advice=why.advice)
         known = {key: (file, number) for key, file, number in self._speakers()}
         if not known:
             raise MissingExtra(

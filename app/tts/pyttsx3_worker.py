@@ -13,6 +13,8 @@ from __future__ import annotations
 import ctypes
 import os
 import sys
+import threading
+import time
 from typing import Any
 
 from app.worker import serve
@@ -25,6 +27,9 @@ class _System:
         import pyttsx3
 
         self._engine = pyttsx3.init()
+        self._driver = type(self._engine.proxy._driver).__module__.rpartition(".")[2]
+        self._finished = threading.Event()
+        self._engine.connect("finished-utterance", lambda **_: self._finished.set())
         self._pace = self._engine.getProperty("rate")  # words a minute
 
     def voices(self) -> dict[str, Any]:
@@ -32,15 +37,27 @@ class _System:
             [voice.id, voice.name or voice.id, [_text(each) for each in voice.languages or []], _sex(voice.gender)]
             for voice in self._engine.getProperty("voices")
         ]
-        driver = type(self._engine.proxy._driver).__module__.rpartition(".")[2]
-        return {"driver": driver, "voices": voices, "voice": self._engine.getProperty("voice") or ""}
+        return {"driver": self._driver, "voices": voices, "voice": self._engine.getProperty("voice") or ""}
 
     def speak(self, text: str, voice: str, speed: float, path: str) -> bool:
+        self._finished.clear()
         self._engine.setProperty("voice", voice)
         self._engine.setProperty("rate", round(self._pace * speed))
+        self._rest()
         self._engine.save_to_file(text, path)
         self._engine.runAndWait()
+        if self._driver == "espeak":  # it returns while a thread of the library still speaks
+            self._finished.wait()
+        self._rest()
         return True
+
+    def _rest(self) -> None:
+        """Wait until espeak is idle: the driver cancels what goes on when it begins, and with it what it begins."""
+        if self._driver == "espeak":
+            from pyttsx3.drivers import _espeak
+
+            while _espeak.IsPlaying():
+                time.sleep(0.001)
 
 
 def _text(language: Any) -> str:
