@@ -55,7 +55,7 @@ class EspeakProcess:
 
     def __init__(self, engine: str, seconds: float) -> None:
         self._engine = engine
-        self._seconds = seconds
+        self.seconds = seconds
         self._worker = Worker("app.tts.espeak_worker")
 
     @property
@@ -98,7 +98,7 @@ class EspeakProcess:
 
     def _ask(self, question: dict[str, Any]) -> tuple[Any, bytes]:
         try:
-            answer, data = self._worker.ask(question, seconds=self._seconds)
+            answer, data = self._worker.ask(question, seconds=self.seconds)
         except WorkerFailed as error:
             raise SpeechFailed(f"speech engine {self._engine}: espeak-ng: {error}", advice="Try again.") from error
         if answer is None:

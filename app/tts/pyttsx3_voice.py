@@ -39,7 +39,7 @@ class Pyttsx3Engine:
     pronounces = False
 
     def __init__(self, options: Options | None = None) -> None:
-        self._options = options or self.Options()
+        self.seconds = (options or self.Options()).seconds
         self._worker = Worker("app.tts.pyttsx3_worker")
         self._lock = threading.Lock()
         self._voices: tuple[Voice, ...] = ()
@@ -106,7 +106,7 @@ class Pyttsx3Engine:
 
     def _ask(self, question: dict[str, Any]) -> Any:
         try:
-            answer, _ = self._worker.ask(question, seconds=self._options.seconds)
+            answer, _ = self._worker.ask(question, seconds=self.seconds)
         except WorkerFailed as error:
             raise self._failed(str(error)) from error
         if answer is None:

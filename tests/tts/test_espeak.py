@@ -113,10 +113,10 @@ def test_nothing_in_a_text_is_a_command(engine: EspeakEngine, text: str) -> None
 
 def test_a_lexicon(engine: EspeakEngine) -> None:
     text = "Mr. “Nguyen,” of course; Nguyen's nguyen!"
-    speech = check(engine.speak(text, lexicon={"nguyen": ("N", "UW", "Y", "EH", "N")}), "espeak")
+    speech = check(engine.speak(text, lexicon={"nguyen": ("W", "IH", "N")}), "espeak")
     assert [word.text for word in speech.words] == text.split()
-    assert said(speech, "“Nguyen,”") == said(speech, "nguyen!") == "N UW Y EH N"
-    assert said(speech, "Nguyen's") != "N UW Y EH N"
+    assert said(speech, "“Nguyen,”") == said(speech, "nguyen!") == "W IH N"
+    assert said(speech, "Nguyen's").startswith("N ")
     assert mnemonics(("T", "SH", "AH", "B")) == "[[t|S|'V|b]]"
 
 
@@ -215,8 +215,8 @@ def test_a_killed_process_is_replaced() -> None:
 
 
 def test_a_hanging_process_is_ended() -> None:
-    engine = EspeakEngine(EspeakEngine.Options(seconds=2.5))
-    assert len(survives_a_hang(engine, 2.5).words) == 2
+    engine = EspeakEngine()
+    assert len(survives_a_hang(engine, lambda seconds: setattr(engine._espeak, "seconds", seconds)).words) == 2
     engine.close()
 
 

@@ -3,7 +3,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from app.speech import Word
-from app.tts.words import as_written, assign
+from app.tts.words import as_written, assign, parts
 
 
 @pytest.mark.parametrize(
@@ -69,3 +69,10 @@ def test_written_words_stay_in_order_and_within_the_sound(readings: list[str], h
         assert edge - 1e-9 <= word.start <= word.end
         edge = word.end
     assert edge <= len(heard)
+
+
+def test_parts() -> None:
+    assert parts("“Wait!”") == ("“", "Wait", "!”")
+    assert parts("U.N.'s,") == ("", "U.N.'s", ",")
+    assert parts("—") == ("—", "", "")
+    assert parts("") == ("", "", "")
