@@ -28,6 +28,7 @@ from app.tts import registry as engines
 from app.tts.engine import SpeechEngine
 from app.tts.hibari import HibariEngine
 from app.tts.narrate import check
+from app.tts.piper_voice import PiperEngine
 
 EXACT = "espeak"
 """The engine that knows its times to the sample."""
@@ -35,7 +36,10 @@ SERVERS = frozenset(["openai", "http"])
 UNTRIED = frozenset(["mock", "textgrid"])
 """Do not listen, or only know recordings that have been aligned already."""
 
-RAW_ENGINES: dict[str, Callable[[], SpeechEngine]] = {"hibari": lambda: HibariEngine(lag=0.0)}
+RAW_ENGINES: dict[str, Callable[[], SpeechEngine]] = {
+    "hibari": lambda: HibariEngine(lag=0.0),
+    "piper": lambda: PiperEngine(lag=0.0),
+}
 RAW_ALIGNERS: dict[str, Callable[[], Aligner]] = {"pocketsphinx": lambda: PocketSphinxAligner(shift=0.0)}
 """Without the constants that such a measurement has found."""
 

@@ -21,7 +21,7 @@ from app.errors import ConfigError, MissingExtra, NotFound, NothingToSay
 from app.speech import PHONES, SILENCE, Phone, Speech
 from app.tts.engine import Voice
 from app.tts.espeak_process import EspeakProcess, EspeakVoice, Timed, Uttered
-from app.tts.takes import words_of
+from app.tts.take import words_of
 from app.tts.words import assign, parts
 
 RATE = 22_050  # samples a second

@@ -31,7 +31,7 @@ from app.errors import MissingExtra, NotFound, NothingToSay, SpeechFailed
 from app.speech import Phone, Speech
 from app.tts.engine import Voice
 from app.tts.onnx_output import expose, outputs_of
-from app.tts.takes import Take, joined, trimmed, words_of
+from app.tts.take import Take, joined, trimmed, words_of
 from app.tts.text import LONGEST_PIECE, fold, split
 from app.tts.words import assign
 

@@ -16,7 +16,7 @@ from app.errors import MissingExtra, NotFound, NothingToSay, SpeechFailed
 from app.speech import SILENCE, Speech
 from app.tts.hibari import RATE, HibariEngine
 from app.tts.narrate import check, narrate
-from app.tts.takes import LEAD, TAIL
+from app.tts.take import LEAD, TAIL
 from app.tts.text import clean
 
 

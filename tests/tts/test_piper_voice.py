@@ -18,7 +18,7 @@ from app.tts.narrate import check
 from app.tts.piper_model import VoiceFile, read_voice
 from app.tts.piper_voice import PiperEngine
 from app.tts.registry import create
-from app.tts.takes import LEAD, TAIL
+from app.tts.take import LEAD, TAIL
 
 pytest.importorskip("espeakng_loader", reason="espeak-ng is not installed: pip install 'mary[espeak]'")
 

@@ -16,23 +16,24 @@ def plugin(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     install(tmp_path, monkeypatch, "mary.tts", "parrot", "app.tts.mock.MockEngine")
 
 
-@pytest.mark.parametrize("name", ["hibari", "openai", "mock"])
+@pytest.mark.parametrize("name", ["hibari", "espeak", "piper", "pyttsx3", "openai", "mock"])
 def test_ours(name: str) -> None:
     engine = create(name)
     assert isinstance(engine, SpeechEngine)
     assert engine.name == name
     assert engine.voices()
+    engine.close()
 
 
 def test_unknown_names_the_known() -> None:
     with pytest.raises(NotFound, match="nobody") as caught:
         create("nobody")
-    assert "hibari, openai, http, mock" in caught.value.advice
+    assert "hibari, espeak, piper, pyttsx3, openai, http, mock" in caught.value.advice
 
 
 @pytest.mark.usefixtures("plugin")
 def test_entry_points() -> None:
-    assert names() == ("hibari", "openai", "http", "mock", "lost", "parrot", "stone")
+    assert names() == ("hibari", "espeak", "piper", "pyttsx3", "openai", "http", "mock", "lost", "parrot", "stone")
     assert create("parrot").speak("hello", voice="mock").words[0].text == "hello"
 
 

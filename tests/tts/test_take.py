@@ -3,7 +3,7 @@ import pytest
 
 from app.align.phoneset import Sound
 from app.speech import SILENCE, Word
-from app.tts.takes import LEAD, TAIL, Take, joined, trimmed, words_of
+from app.tts.take import LEAD, TAIL, Take, joined, trimmed, words_of
 
 RATE = 16_000
 
