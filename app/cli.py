@@ -6,7 +6,7 @@ import os
 import runpy
 import signal
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
@@ -24,7 +24,6 @@ from app.speech import Speech
 
 if TYPE_CHECKING:
     from app.engine.avatar import AvatarShelf
-    from app.tts.engine import Voice
 
 # The parts behind the commands (codecs, models, compiled loops) are imported when a command needs them: `mary --help`
 # and a wrong option answer at once.
@@ -250,22 +249,24 @@ def voices(
     from app.tts.voices import every_voice
 
     speech = load(config).speech
-    table = Table("engine", "voice", "name", "language", "sex", "Hz", "licence", "", box=None, pad_edge=False)
-
-    def add(voices: Iterable[Voice]) -> None:
-        for each in voices:
-            note = "" if each.installed else f"needs {each.missing}"
-            cells = (each.engine, each.id, each.name, each.language, each.sex, f"{each.rate:,}", each.licence, note)
-            table.add_row(*map(Text, cells))
-
+    table = Table(box=None, pad_edge=False)
+    for column in ("engine", "voice", "language", "sex", "Hz", "licence"):
+        table.add_column(column, no_wrap=True)
+    notes = []
     if everything:
-        for found in every_voice(speech.engines):
-            add(found.voices)
-            if found.missing:
-                table.add_row(found.engine, *[""] * 6, Text(found.missing))
+        found = every_voice(speech.engines)
+        listed = [voice for each in found for voice in each.voices]
+        notes = [f"{each.engine}: {each.missing}" for each in found if each.missing]
     else:
-        add(create(speech.engine, speech.engines.get(speech.engine, {})).voices())
+        listed = list(create(speech.engine, speech.engines.get(speech.engine, {})).voices())
+    for each in listed:
+        cells = (each.engine, each.id, each.language, each.sex, f"{each.rate:,}", each.licence)
+        table.add_row(*map(Text, cells), style="" if each.installed else "dim")
+        if not each.installed:
+            notes.append(f"{each.engine}: {each.id} is not installed, it needs {each.missing}")
     _out.print(table)
+    for note in notes:
+        _out.print(Text(note), soft_wrap=True)
 
 
 @app.command()

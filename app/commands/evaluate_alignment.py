@@ -32,7 +32,8 @@ from app.tts.piper_voice import PiperEngine
 
 EXACT = "espeak"
 """The engine that knows its times to the sample."""
-SERVERS = frozenset(["openai", "http"])
+SERVERS = frozenset(["openai", "http", "xmlrpc"])
+"""Are asked only if they are configured: nobody else's may be."""
 UNTRIED = frozenset(["mock", "textgrid"])
 """Do not listen, or only know recordings that have been aligned already."""
 
@@ -114,7 +115,7 @@ def _measure(
 
 
 def usable(engine: str, settings: Settings) -> bool:
-    """Whether an engine may be asked: servers only if they are configured, since nobody else's may be."""
+    """Whether an engine may be asked."""
     return engine not in SERVERS or engine in settings.speech.engines or engine == settings.speech.engine
 
 
@@ -122,7 +123,7 @@ def _aligners(settings: Settings, opened: ExitStack, notes: list[str]) -> dict[s
     """All that can be used, by name; closed with `opened`."""
     made: dict[str, Aligner] = {}
     for name in aligners.names():
-        if name in UNTRIED:
+        if name in UNTRIED or (name in SERVERS and name not in settings.align.aligners):
             continue
         try:
             made[name] = aligners.create(name, settings.align.aligners.get(name, {}))
@@ -202,21 +203,9 @@ def _recorded(recordings: Sequence[Path], judge: str) -> Iterator[TimingRow]:
 def table(rows: Sequence[TimingRow]) -> Table:
     """The rows to read; times in milliseconds."""
     shown = Table(box=None, pad_edge=False)
-    for number, column in enumerate(
-        (
-            "starts of phones",
-            "against",
-            "calibrated",
-            "sentences",
-            "failed",
-            "starts",
-            "median",
-            "p90",
-            "bias",
-            "> 40 ms",
-        )
-    ):
-        shown.add_column(column, justify="right" if number > 2 else "left", no_wrap=True)
+    columns = ("starts by", "against", "calibr.", "said", "failed", "starts", "median", "p90", "bias", "> 40")
+    for number, column in enumerate(columns):
+        shown.add_column(column, justify="right" if number > 2 else "left", no_wrap=number > 0)
     for row in rows:
         figures = _figures(row.starts) if row.starts is not None else ("",) * 5
         yes = "yes" if row.calibrated else "no"
