@@ -1,7 +1,8 @@
 // Looks at what <mary-avatar> shows at every refresh of the display. For bench/seams.py.
 //
-// A look is {at, live, frame, light, moved, apart}: page time in ms; whether the live picture is seen, not the idle clip;
-// the frame of the loop that came up last (of the live picture, by what speak_started says of its first one); mean luma of
+// A look is {at, live, frame, since, light, moved, apart}: page time in ms; whether the live picture is seen, not the idle
+// clip; the frame of the loop that came up last (of the live picture, by what speak_started says of its first one) and the
+// time at which the screen shows it (see onScreen); mean luma of
 // the upper face; how far the head has moved, in pixels of the avatar's picture, null while the picture is the same; and,
 // if asked for, the mean difference of luma between the mouths of both videos: small if hers is as closed as the clip's.
 
@@ -10,6 +11,13 @@ const MOUTH = [208, 296, 104, 64];
 const SCALE = 2; // pixels of the picture to one that is looked at
 const FPS = 25;
 const FRAMES = 125; // of the loop
+const REFRESH = 1000 / 60; // ms
+
+// Found by comparing with the pictures of Page.startScreencast, whose head tells the frame of the loop to 0.1: Chromium's
+// expectedDisplayTime is right for files; what came by WebRTC is seen a refresh after its callback. Without this the phase
+// would be wrong by half a frame, in opposite directions for the two ways.
+const onScreen = (now, { expectedDisplayTime, rtpTimestamp }) =>
+  rtpTimestamp === undefined ? Math.max(now, expectedDisplayTime) : now + REFRESH;
 
 function eye(video) {
   const of = ([, , width, height]) => {
@@ -53,12 +61,14 @@ function watch(avatar) {
   const eyes = { idle: eye(idle), live: eye(live) };
   const start = idle.buffered.start(0) < 1 / FPS ? idle.buffered.start(0) : 0;
   const frames = { idle: null, live: null };
+  const times = { idle: null, live: null };
   const looks = [];
   let started = null, lag = null, first = true, seen = null, mouths = false, stopped = false;
 
   const follow = (video, name, place) => {
     const onFrame = (now, metadata) => {
       frames[name] = place(metadata);
+      times[name] = onScreen(now, metadata);
       video.requestVideoFrameCallback(onFrame);
     };
     video.requestVideoFrameCallback(onFrame);
@@ -87,7 +97,7 @@ function watch(avatar) {
     const media = lag === null ? null : frames.live - lag;
     const frame = name === "idle" ? frames.idle : media && started.loop_frame + (media - started.media_time) * FPS;
     const fresh = !seen || name !== seen.name || mean(head.luma.map((value, i) => Math.abs(value - seen.head.luma[i]))) > 0;
-    const look = { at, live: avatar.live, frame, light: mean(head.luma), moved: null, apart: null };
+    const look = { at, live: avatar.live, frame, since: times[name], light: mean(head.luma), moved: null, apart: null };
     looks.push(look);
     if (fresh && seen) look.moved = displacement(seen.head, head);
     if (fresh) seen = { name, head };

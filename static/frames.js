@@ -1,5 +1,15 @@
 // Tells which frame a video element puts on the screen, and when.
 
+const REFRESH_MS = 1000 / 60;
+
+/**
+ * When a frame of requestVideoFrameCallback is on the screen, in ms on `performance.now()`. Chromium tells that well of what
+ * it plays from a file. Of WebRTC it gives times that are past; such frames are seen with the next refresh of the display.
+ */
+export function shownAt(now, { expectedDisplayTime, rtpTimestamp }) {
+  return rtpTimestamp === undefined ? Math.max(now, expectedDisplayTime) : now + REFRESH_MS;
+}
+
 /**
  * Calls `callback(time, metadata)` for every new frame of `video` until the returned function is called.
  * time: ms on `performance.now()` at which the frame is on the screen.
@@ -10,7 +20,7 @@ export function watchFrames(video, callback) {
   if ("requestVideoFrameCallback" in video) {
     const onFrame = (now, metadata) => {
       handle = video.requestVideoFrameCallback(onFrame);
-      callback(Math.max(now, metadata.expectedDisplayTime), metadata);
+      callback(shownAt(now, metadata), metadata);
     };
     handle = video.requestVideoFrameCallback(onFrame);
     return () => video.cancelVideoFrameCallback(handle);

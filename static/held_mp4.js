@@ -7,7 +7,7 @@ import { difference } from "./phase.js";
 
 const START_SECONDS = 0.15; // what must have arrived before the picture moves, so that it does not stop again
 const MAX_WAIT_FRAMES = 6; // longest wait for the idle clip to reach the first live frame
-const WANTED_WAIT_FRAMES = 1;
+const WANTED_WAIT_FRAMES = 2; // it comes up to a frame and a half earlier or later than expected
 const MAX_LEAD_MS = 1500;
 const MAX_START_MS = 250;
 const PATIENCE_MS = 15_000; // playback is behind the service, and further behind after every stall
@@ -36,6 +36,7 @@ export class HeldMp4 {
     this.#video = video;
     this.#sound = sound;
     video.addEventListener("ended", () => this.#current && this.#seam.cut());
+    video.addEventListener("canplay", () => this.#tryStart());
     video.addEventListener("loadeddata", () => document.hidden && this.#tryStart()); // hidden tabs see no frames
     video.addEventListener("seeked", () => document.hidden && this.#tryStart());
   }
@@ -122,6 +123,8 @@ export class HeldMp4 {
     if (!current || !current.held || current.starting || current.from !== null) return;
     if (!current.ready && !document.hidden) return;
     if (current.playback.ahead < START_SECONDS && !current.playback.complete) return;
+    // Told to play before that, it would begin whenever the browser thinks it has enough, up to 0.1 s later.
+    if (this.#video.readyState < HTMLMediaElement.HAVE_FUTURE_DATA) return;
     current.starting = true;
     this.#startTimer = setTimeout(() => this.#start(current), this.#waitForIdle());
   }
