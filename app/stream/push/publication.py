@@ -43,7 +43,10 @@ class Failure:
 
 
 class PublishingFailed(Exception):
-    """Carries a `Failure`."""
+    """Carries a `Failure` to the end of the publishing process, which tells it as JSON.
+
+    It never leaves that process, so it has no place in the tree of `app.errors`.
+    """
 
     def __init__(self, failure: Failure) -> None:
         super().__init__(failure.error)

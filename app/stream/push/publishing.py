@@ -27,6 +27,8 @@ _ROOT = Path(__file__).resolve().parents[2]
 class Broken(Exception):
     """A process that ended before the stream did.
 
+    Only `Push` gets it, and makes a state of it: nobody is answered with it, so it is not in the tree of `app.errors`.
+
     Args:
         message: why, in words of ours.
         detail: the server's own words, which may hold what is not to be shown.
