@@ -35,6 +35,7 @@ _ADVICE = {
     405: "The Allow header names the methods that work here.",
     412: "Send the ETag of the answer to the offer in If-Match.",
     413: "Send less at a time.",
+    415: "Send a body of the type that the detail names; /docs shows what each address takes.",
     428: "Send the ETag of the answer to the offer in If-Match.",
 }
 
@@ -114,14 +115,18 @@ def answer(error: MaryError, headers: dict[str, str] | None = None) -> JSONRespo
 
 def of_faults(faults: Sequence[Any]) -> dict[str, str | int]:
     """The problem document of what pydantic found wrong, whose places begin with where the fields are ("body")."""
-    unknown = any(fault["type"] == "extra_forbidden" for fault in faults)
+    advice = ""
+    if any(fault["type"] == "extra_forbidden" for fault in faults):
+        advice = "See /docs for the fields that are known."
+    elif _no_file(faults[0]):
+        advice = f"Send it as a file, with a name (curl: -F {_field(faults[0])}=@speech.wav)."
     return document(
         422,
         "invalid-input",
         "Invalid input",
         "; ".join(_sentence(fault) for fault in faults),
         field=_field(faults[0]),
-        advice="See /docs for the fields that are known." if unknown else "",
+        advice=advice,
     )
 
 
@@ -157,8 +162,14 @@ def _field(fault: dict[str, Any]) -> str:
     return ".".join(str(part) for part in fault["loc"][1:]) or str(fault["loc"][0])
 
 
+def _no_file(fault: dict[str, Any]) -> bool:
+    return "Expected UploadFile" in str(fault["msg"])
+
+
 def _sentence(fault: dict[str, Any]) -> str:
     field = _field(fault)
+    if _no_file(fault):
+        return f"{field} must be a file"
     match fault["type"]:
         case "extra_forbidden":
             return f"{field} is not a known field"

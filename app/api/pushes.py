@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import secrets
 from collections.abc import Iterable
 
 from fastapi import APIRouter, Depends, Response
@@ -13,7 +12,7 @@ from app.api.service import LoadedService
 from app.config import PushSettings
 from app.errors import InputError
 from app.stream.push.push import PushReport
-from app.stream.push.target import PushTarget, push_target, without_credentials
+from app.stream.push.target import PushTarget, new_key, own_target, push_target, without_credentials
 
 router = APIRouter(prefix="/v1/streams/{stream_id}/pushes", tags=["push"])
 
@@ -58,10 +57,8 @@ def targets(order: StreamRequest, settings: PushSettings) -> tuple[list[PushTarg
                 advice="Give rtmp_url, or have the operator set push.rtmp (MARY_PUSH__RTMP), e.g. rtmp://localhost/live.",
                 field="transport",
             )
-        # Not the stream's id: what an RTMP server tells about what it plays must not be the key to the stream.
-        key = secrets.token_urlsafe(16)
-        base, separator, query = settings.rtmp.partition("?")
-        found.append(push_target(f"{base.rstrip('/')}/{key}{separator}{query}", kind="rtmp", field="push.rtmp"))
+        key = new_key()
+        found.append(own_target(settings.rtmp, key))
         plays_at = f"{without_credentials(settings.rtmp_play or settings.rtmp).rstrip('/')}/{key}"
     if order.whip_url is not None:
         token = order.whip_token or ""

@@ -41,17 +41,35 @@ class FormRoute(APIRoute):
 
 async def own_or_allowed(request: Request) -> None:
     """Refuse forms of foreign pages, which a browser sends without asking, unlike JSON."""
-    site = request.headers.get("sec-fetch-site", "none")
+    headers = request.headers
     allowed = request.app.state.service.settings.server.cors_origins
-    if site in ("cross-site", "same-site") and not {"*", request.headers.get("origin", "")} & set(allowed):
+    if _foreign(headers) and not {"*", headers.get("origin", "")} & set(allowed):
         raise HTTPException(403, "pages of other origins may not send forms")
+
+
+def _foreign(headers: Headers) -> bool:
+    """Whether a page of another origin sends this; programs say nothing of either kind."""
+    site = headers.get("sec-fetch-site", "none")
+    if site != "none":  # the browser's own word also counts behind a proxy that changes Host
+        return site != "same-origin"
+    origin = headers.get("origin")  # all there is of older browsers, and of any to http:// addresses
+    return origin is not None and origin.partition("://")[2].lower() != headers.get("host", "").lower()
+
+
+async def takes_form(request: Request) -> None:
+    """Refuse bodies that are no form, for what they lack as one would mislead."""
+    if not carries_form(request.scope):
+        kind = request.headers.get("content-type", "").partition(";")[0].strip()
+        raise HTTPException(
+            415, f"the body must be {FORM}, not {kind or 'nothing'} (curl: -F audio=@speech.wav -F text=…)"
+        )
 
 
 router = APIRouter(prefix="/v1", dependencies=[Depends(own_or_allowed)])
 forms = APIRouter(prefix="/v1", route_class=FormRoute, dependencies=[Depends(own_or_allowed)])
 
 
-@router.post("/streams/{stream_id}/audio", status_code=202, tags=["streams"])
+@router.post("/streams/{stream_id}/audio", status_code=202, tags=["streams"], dependencies=[Depends(takes_form)])
 async def speak(
     stream_id: str, order: Annotated[RecordingRequest, Form(media_type=FORM)], service: LoadedService
 ) -> RecordingAccepted:

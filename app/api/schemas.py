@@ -15,7 +15,7 @@ def _whole(text: str) -> str:
 
 Text = Annotated[str, AfterValidator(_whole), Field(description="What to say, in English.", examples=["Hello, world."])]
 Name = Annotated[str, AfterValidator(_whole), Field(min_length=1, max_length=200)]
-Url = Annotated[str, AfterValidator(_whole), Field(min_length=1)]
+Url = Annotated[str, AfterValidator(_whole)]
 Token = Annotated[str, AfterValidator(_whole), Field(min_length=1, description="Bearer token of the WHIP server.")]
 Speed = Annotated[float, Field(ge=0.5, le=2.0, allow_inf_nan=False, description="1 is the voice's own pace.")]
 

@@ -19,6 +19,7 @@ from app.config import Settings
 from app.engine.avatar import Avatar, AvatarShelf
 from app.engine.pool import OrderedPool
 from app.errors import BadPack, InputError, MaryError, OverCapacity, TooLong
+from app.stream.push.target import check_own_server
 from app.stream.streams import Streams
 from app.stream.utterance import Reading, Script
 from app.tts.engine import SpeechEngine, Voice, check_configured, choose_voice
@@ -177,6 +178,7 @@ class Service:
     async def _load(self) -> None:
         settings = self.settings
         try:
+            check_own_server(settings.push.rtmp)
             self.shelf = AvatarShelf(settings.avatars.folder, settings.engine.renderer, settings.avatars.default)
             self.voicebox = await in_thread(voicebox, settings.speech, settings.align, self.aligners)
             check_configured(self.engine, settings.speech.voice)

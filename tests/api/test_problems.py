@@ -117,7 +117,6 @@ CASES = [
             "unsupported-media-type",
             body=body,
             headers=(header,),
-            advice=False,
         )
         for path, body in [
             ("/v1/streams", order(text="Hello.")),
@@ -128,8 +127,8 @@ CASES = [
         for kind in ("text/plain", "application/x-www-form-urlencoded", "multipart/form-data", "")
         for header in [f"Content-Type: {kind}" if kind else "Content-Type:"]
     ),
-    Case("JSON as offer", "/v1/streams/{id}/whep", 415, "unsupported-media-type", body="{}", advice=False),
-    Case("SDP as order", "/v1/streams", 415, "unsupported-media-type", body="v=0", headers=(SDP,), advice=False),
+    Case("JSON as offer", "/v1/streams/{id}/whep", 415, "unsupported-media-type", body="{}"),
+    Case("SDP as order", "/v1/streams", 415, "unsupported-media-type", body="v=0", headers=(SDP,)),
     # offers
     *(
         Case(

@@ -194,7 +194,13 @@ def test_json_still_renders_a_text_and_other_bodies_are_refused(server: str, cur
     assert curl(f"{server}/v1/render", "--json", '{"text": "Hello."}').status == 200
     plain = curl(f"{server}/v1/render", "-H", "Content-Type: text/plain", "-d", "x")
     assert (plain.status, plain.json()["type"]) == (415, "/problems/unsupported-media-type")
-    assert curl(f"{stream}/audio", "--json", "{}").status == 422
+    misled = curl(f"{stream}/audio", "--json", "{}")
+    assert (misled.status, misled.json()["type"]) == (415, "/problems/unsupported-media-type")
+    assert "curl: -F audio=@" in misled.json()["detail"]
+    assert misled.json()["advice"]
+    no_file = curl(f"{stream}/audio", "-F", "audio=speech.wav").json()
+    assert (no_file["status"], no_file["field"], no_file["detail"]) == (422, "audio", "audio must be a file")
+    assert "audio=@" in no_file["advice"]
     broken = curl(f"{stream}/audio", "-H", "Content-Type: multipart/form-data; boundary=x", "--data-binary", "nonsense")
     assert broken.status in (400, 422)
     assert curl(f"{server}/v1/streams/nothing/audio", "-F", "audio=@/dev/null").status == 404
@@ -206,7 +212,13 @@ def test_a_form_of_a_foreign_page_is_refused(server: str, curl, stream: str, rec
     for url in (f"{server}/v1/render", f"{stream}/audio"):
         answer = curl(url, "-F", f"audio=@{recording}", *foreign)
         assert (answer.status, answer.json()["type"]) == (403, "/problems/forbidden")
+    elsewhere = curl(f"{stream}/audio", "-F", f"audio=@{recording}", "-H", "Origin: https://elsewhere.example")
+    assert elsewhere.status == 403  # browsers say nothing but the origin to an address without TLS
+    for strange in ("null", "http://["):
+        assert curl(f"{stream}/audio", "-F", f"audio=@{recording}", "-H", f"Origin: {strange}").status == 403
     assert curl(f"{stream}/audio", "-F", f"audio=@{recording}", "-H", "Sec-Fetch-Site: same-origin").status == 202
+    own = server.partition("/v1/")[0]
+    assert curl(f"{stream}/audio", "-F", f"audio=@{recording}", "-H", f"Origin: {own}").status == 202
 
 
 def test_too_long_ones_are_refused(own_server, curl, tmp_path: Path, speech: Speech) -> None:

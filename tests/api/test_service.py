@@ -53,6 +53,19 @@ async def test_what_cannot_be_loaded_is_reported() -> None:
     await service.close()
 
 
+@pytest.mark.parametrize("server", ["rtmp://localhost:99999/live", "rtmp://localhost/büro", "rtmp:///live"])
+async def test_a_wrong_rtmp_server_in_the_settings_ends_the_start(server: str) -> None:
+    chosen = settings()
+    push = chosen.push.model_copy(update={"rtmp": server})
+    service = Service(chosen.model_copy(update={"push": push}))
+    service.start()
+    with pytest.raises(OverCapacity):
+        await service.loaded()
+    assert isinstance(service.failure, ConfigError)
+    assert (service.failure.field, "MARY_PUSH__RTMP" in service.failure.advice) == ("push.rtmp", True)
+    await service.close()
+
+
 async def test_a_misspelt_voice_in_the_settings_ends_the_start() -> None:
     service = Service(settings(speech={"engine": "mock", "voice": "mocc"}))
     service.start()

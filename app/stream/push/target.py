@@ -8,12 +8,13 @@ options.
 from __future__ import annotations
 
 import re
+import secrets
 from collections.abc import Collection
 from dataclasses import dataclass, field
 from typing import Literal
 from urllib.parse import SplitResult, unquote, urlsplit
 
-from app.errors import InputError
+from app.errors import ConfigError, InputError
 
 PushKind = Literal["rtmp", "whip"]
 
@@ -76,6 +77,8 @@ def push_target(
         return InputError(f"{field} {what}", advice=advice, field=field)
 
     example = "rtmp://host/application/key" if kind != "whip" else "https://host/whip"
+    if not url:
+        raise refused("is empty", f"Write it like {example}.")
     if len(url) > MAX_URL or not _ALLOWED.fullmatch(url):
         raise refused(
             f"is not a URL of at most {MAX_URL:,} plain characters",
@@ -99,6 +102,31 @@ def push_target(
     if token and (found != "whip" or len(token) > MAX_URL or not _TOKEN.fullmatch(token)):
         raise InputError("token is not a bearer token for a WHIP server", field="token")
     return PushTarget(found, url, _shown(parts), token)
+
+
+def own_target(server: str, key: str) -> PushTarget:
+    """What is called `key` on the service's own RTMP server, `push.rtmp` of the settings.
+
+    Raises:
+        ConfigError: the setting is no such server. `check_own_server` finds that out when the service starts.
+    """
+    base, separator, query = server.partition("?")
+    try:
+        return push_target(f"{base.rstrip('/')}/{key}{separator}{query}", kind="rtmp", field="push.rtmp")
+    except InputError as error:
+        advice = "Correct push.rtmp in the settings (MARY_PUSH__RTMP), e.g. rtmp://localhost/live."
+        raise ConfigError(error.message, advice=advice, field="push.rtmp") from error
+
+
+def new_key() -> str:
+    """A key for the service's own server. Not a stream's id: what it tells must not be the key to the stream."""
+    return secrets.token_urlsafe(16)
+
+
+def check_own_server(server: str) -> None:
+    """Refuse a setting that no stream could be pushed to; see `own_target`."""
+    if server:
+        own_target(server, new_key())
 
 
 def without_credentials(url: str) -> str:
