@@ -7,7 +7,8 @@
         for event in stream.events("word", "speak_ended"):
             print(event)
 
-Nothing of the service itself is imported. Every refusal is a `Refused`, which says what was wrong and what to do.
+Nothing of the service itself is imported. Every refusal is a `Refused`, which says what was wrong and what to do; a
+conversation that the service breaks off ends with `HungUp`.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from pathlib import Path
 from typing import Any, Self
 
 import httpx
-from websockets.exceptions import ConnectionClosedOK, InvalidStatus
+from websockets.exceptions import ConnectionClosed, ConnectionClosedOK, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
 SECONDS = 60.0
@@ -46,6 +47,21 @@ class Refused(Exception):
         self.advice = str(document.get("advice", ""))
         self.field = str(document.get("field", ""))
         super().__init__(f"{self.detail} {self.advice}".strip())
+
+
+class HungUp(Exception):
+    """A conversation was broken off, or had ended already.
+
+    Attributes:
+        code: of RFC 6455, 7.4.1: 1008 after too many wrong messages, 1013 from a service that is full, 1006 if the
+            connection was lost, 1000 if the stream had ended.
+        reason: in the service's words, or "".
+    """
+
+    def __init__(self, error: ConnectionClosed) -> None:
+        self.code = int(error.rcvd.code) if error.rcvd else 1006
+        self.reason = error.rcvd.reason if error.rcvd else ""
+        super().__init__(f"the conversation has ended: {self.reason or 'no reason given'} ({self.code})")
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,6 +107,14 @@ class Mary:
         with self._http.stream("POST", "/v1/render", json={"text": text, **options}, timeout=None) as answer:
             return _save(answer, Path(path))
 
+    def render_recording(self, recording: str | os.PathLike[str], path: str | os.PathLike[str], **options: Any) -> Path:
+        """Have a recording spoken into an MP4 file; `options`: text, strict, avatar."""
+        with (
+            Path(recording).open("rb") as audio,
+            self._http.stream("POST", "/v1/render", files={"audio": audio}, data=options, timeout=None) as answer,
+        ):
+            return _save(answer, Path(path))
+
     def stream(self, text: str | None = None, **options: Any) -> Stream:
         """A new live stream, as a context manager that ends it; `options` are those of `POST /v1/streams`."""
         order = options if text is None else {"text": text, **options}
@@ -98,9 +122,12 @@ class Mary:
 
     def call(self, method: str, path: str, body: dict[str, Any] | None = None) -> dict[str, Any]:
         """Any call with JSON both ways; an answer without a body is empty."""
-        answer = self._http.request(method, path, json=body)
-        _check(answer)
-        return dict(answer.json()) if answer.content else {}
+        return _json(self._http.request(method, path, json=body))
+
+    def upload(self, path: str, recording: str | os.PathLike[str], **options: Any) -> dict[str, Any]:
+        """Send a recording, with other fields of the form; what a long one takes to be understood is waited for."""
+        with Path(recording).open("rb") as audio:
+            return _json(self._http.post(path, files={"audio": audio}, data=options, timeout=None))
 
     def lines(self, path: str) -> Iterator[str]:
         """The lines of an answer that goes on."""
@@ -139,6 +166,23 @@ class Stream:
     def say(self, text: str, **options: Any) -> str:
         """Queue a text; returns its utterance. `options` are those of `POST …/say`: interrupt, voice, speed."""
         return str(self._mary.call("POST", f"{self._here}/say", {"text": text, **options})["utterance"]["id"])
+
+    def say_recording(self, recording: str | os.PathLike[str], **options: Any) -> str:
+        """Queue a sound file; returns its utterance. `options` are those of `POST …/audio`: text, strict, interrupt."""
+        return str(self._mary.upload(f"{self._here}/audio", recording, **options)["utterance"]["id"])
+
+    def push(self, url: str, *, token: str | None = None) -> dict[str, Any]:
+        """Push it to an RTMP or WHIP server, too; returns the push: id, target, state, … `token` is for WHIP."""
+        order = {"url": url} if token is None else {"url": url, "token": token}
+        return self._mary.call("POST", f"{self._here}/pushes", order)
+
+    def pushes(self) -> list[dict[str, Any]]:
+        """The pushes and how they are doing."""
+        return list(self.report()["pushes"])
+
+    def end_push(self, push: str) -> None:
+        """End the push with this id; the stream goes on."""
+        self._mary.call("DELETE", f"{self._here}/pushes/{push}")
 
     def interrupt(self) -> None:
         """Fall silent within two frames."""
@@ -191,7 +235,11 @@ class Stream:
 
 
 class Conversation:
-    """What goes in while it is being made; iterate it for what happens. Made by `Stream.conversation`."""
+    """What goes in while it is being made; iterate it for what happens. Made by `Stream.conversation`.
+
+    Raises:
+        HungUp: the service has broken it off, by all methods.
+    """
 
     def __init__(self, connection: ClientConnection) -> None:
         self._connection = connection
@@ -222,11 +270,17 @@ class Conversation:
 
     def hear(self, samples: bytes) -> None:
         """Some sound: 16-bit little-endian mono."""
-        self._connection.send(samples)
+        self._send(samples)
 
     def send(self, **message: Any) -> None:
         """Any message."""
-        self._connection.send(json.dumps(message))
+        self._send(json.dumps(message))
+
+    def _send(self, message: str | bytes) -> None:
+        try:
+            self._connection.send(message)
+        except ConnectionClosed as error:
+            raise HungUp(error) from error
 
     def __iter__(self) -> Iterator[Event]:
         """Everything that is told, until the stream ends: events, `accepted` and `unread`.
@@ -239,6 +293,8 @@ class Conversation:
                 told = json.loads(self._connection.recv())
             except ConnectionClosedOK:
                 return
+            except ConnectionClosed as error:
+                raise HungUp(error) from error
             if told["type"] == "problem":
                 raise Refused(int(told["status"]), told)
             yield Event(told.pop("type"), told)
@@ -249,6 +305,11 @@ def _check(answer: httpx.Response) -> None:
         return
     answer.read()
     raise Refused(answer.status_code, _document(answer.content))
+
+
+def _json(answer: httpx.Response) -> dict[str, Any]:
+    _check(answer)
+    return dict(answer.json()) if answer.content else {}
 
 
 def _document(body: bytes | bytearray | None) -> dict[str, Any]:

@@ -10,7 +10,7 @@ import av
 import httpx
 import pytest
 
-from app.client import Mary, Refused, Stream
+from app.client import HungUp, Mary, Refused, Stream
 
 
 @pytest.fixture
@@ -119,3 +119,39 @@ def test_lists(mary: Mary) -> None:
 def test_nobody_there() -> None:
     with Mary("http://127.0.0.1:9") as mary, pytest.raises(httpx.ConnectError):
         mary.voices()
+
+
+def test_a_recording(mary: Mary, tmp_path: Path) -> None:
+    voice = mary.render("One two three.", tmp_path / "voice.mp4")
+    with mary.stream(start="now") as stream:
+        utterance = stream.say_recording(voice, text="One two three.", interrupt=True)
+        assert stream.report()["utterances"][-1]["id"] == utterance
+        with pytest.raises(Refused) as refused:
+            stream.say_recording(__file__)
+        assert (refused.value.status, refused.value.field) == (422, "audio")
+    file = mary.render_recording(voice, tmp_path / "again.mp4", text="One two three.")
+    with av.open(str(file)) as again, av.open(str(voice)) as first:
+        assert abs(again.duration - first.duration) < 0.5 * av.time_base  # type: ignore[operator]
+
+
+def test_pushes(mary: Mary) -> None:
+    with mary.stream() as stream:
+        push = stream.push("rtmp://127.0.0.1:1/live/key")
+        assert [each["id"] for each in stream.pushes()] == [push["id"]]
+        stream.end_push(push["id"])
+        assert [each["state"] for each in stream.pushes()] == ["ended"]
+        with pytest.raises(Refused) as refused:
+            stream.push("https://127.0.0.1:1/whip", token="two words")
+        assert (refused.value.status, refused.value.field) == (422, "token")
+
+
+def test_who_is_hung_up_on_is_told_why(mary: Mary) -> None:
+    with mary.stream() as stream, stream.conversation("error") as talk:
+        with pytest.raises(HungUp) as hung_up:  # noqa: PT012
+            while True:
+                talk.send(type="shout")
+                with pytest.raises(Refused):
+                    next(iter(talk))
+        assert (hung_up.value.code, hung_up.value.reason) == (1008, "too many messages were wrong")
+        with pytest.raises(HungUp):
+            talk.say("Hello?")
