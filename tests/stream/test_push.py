@@ -252,6 +252,33 @@ async def test_a_server_that_stands_still_is_left_and_tried_again(station: Any, 
     await until(is_live(push))
 
 
+async def test_a_short_stall_is_ridden_out_and_no_viewer_sees_it(station: Any, rtmp_server: RtmpServer) -> None:
+    rtmp_server.start()
+    air = station(noise=True)
+    push = air.push(rtmp_server.url("short", "kept"), SETTINGS.model_copy(update={"stall_seconds": 60.0}))
+    await until(is_live(push))
+    with air.broadcast.subscribe({"video", "aac"}, backlog=False) as viewer:
+        start = await anext(viewer)  # a key frame
+        rtmp_server.pause()
+        behind = air.studio.index + 2 * FPS  # half a megabyte; a socket and the kernel hold less
+        await until(lambda: air.studio.index > behind)
+        rtmp_server.resume()
+        caught_up = air.studio.index + FPS
+        await until(lambda: air.studio.index > caught_up)
+        first = next(n for n, packet in enumerate(air.sent) if packet is start) + 1
+        wanted = [packet for packet in air.sent[first:] if packet.kind in ("video", "aac")]
+        seen = [await anext(viewer) for _ in wanted]
+        assert (viewer.cuts, viewer.slow) == (0, False)
+    assert seen == wanted
+    assert {report.state for report in air.history} == {"live"}
+    assert push.report().retries == 0
+    await push.close()
+    with av.open(str(rtmp_server.kept("short"))) as kept:
+        times = [float(packet.pts * packet.time_base) for packet in kept.demux(video=0) if packet.pts is not None]
+    assert times[-1] - times[0] > 3 - 0.5
+    assert max(np.diff(times)) < 1.5 / FPS  # nothing is missing
+
+
 async def test_a_server_that_stands_still_does_not_hold_up_the_end(station: Any, rtmp_server: RtmpServer) -> None:
     rtmp_server.start()
     air = station(noise=True)
