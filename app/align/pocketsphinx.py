@@ -7,19 +7,11 @@ which is also killed when it takes too long and replaced when it dies.
 
 from __future__ import annotations
 
-import json
 import math
-import os
-import subprocess
-import sys
-import threading
-import weakref
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
-from pathlib import Path
 from types import TracebackType
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 import soxr
@@ -29,9 +21,9 @@ from app.align.aligner import Alignment, assemble, checked
 from app.align.dictionary import NO_LEXICON, Dictionary, Lexicon, WrittenWord
 from app.align.pauses import close_gaps, trim
 from app.align.phoneset import Sound
-from app.align.sphinx_worker import read, write
 from app.errors import AlignmentFailed, NothingToSay
 from app.speech import PHONES, SILENCE
+from app.worker import Worker, WorkerFailed
 
 RATE = 16_000  # samples a second, of the acoustic model
 FRAME = 0.010  # 10 ms: the grid of its times
@@ -86,15 +78,12 @@ class PocketSphinxAligner:
         self._dictionary = dictionary or Dictionary()
         self._shift = shift
         self.time_limit = time_limit
-        self._lock = threading.Lock()
-        self._closing = threading.Event()
-        self._worker: _Worker | None = None
+        self._worker = Worker("app.align.sphinx_worker")
 
     def warm_up(self) -> None:
         """Load the dictionary and start the process."""
         self._dictionary.word("hello")
-        with self._lock:
-            self._ask("hello", [], np.zeros(0, np.float32))
+        self._ask("hello", [], np.zeros(0, np.float32))
 
     def align(self, samples: NDArray[np.float32], rate: int, text: str, *, lexicon: Lexicon = NO_LEXICON) -> Alignment:
         checked(samples, rate, text)
@@ -106,12 +95,11 @@ class PocketSphinxAligner:
         if duration < LEAST_SECONDS:
             raise self._failed(f"{duration * 1000:.0f} ms of sound are too short to align")
         sound = samples if rate == RATE else soxr.resample(samples, rate, RATE)
-        with self._lock:
-            scored = [
-                phone
-                for start, end, part in self._parts(sound, [words[number] for number in numbers])
-                for phone in self._aligned(sound[start:end], start / RATE, words, numbers[part.start : part.stop])
-            ]
+        scored = [
+            phone
+            for start, end, part in self._parts(sound, [words[number] for number in numbers])
+            for phone in self._aligned(sound[start:end], start / RATE, words, numbers[part.start : part.stop])
+        ]
         spoken = [phone.score for phone in scored if phone.sound.symbol != SILENCE]
         sounds = _gapless(scored, duration)
         if all(each.symbol == SILENCE for each in sounds):
@@ -127,12 +115,7 @@ class PocketSphinxAligner:
 
     def close(self) -> None:
         """End the process; a call under way in another thread fails at once, the next one starts a new process."""
-        self._closing.set()
-        if (worker := self._worker) is not None:
-            worker.kill()
-        with self._lock:
-            self._drop()
-            self._closing.clear()
+        self._worker.close()
 
     def __enter__(self) -> PocketSphinxAligner:
         return self
@@ -143,8 +126,7 @@ class PocketSphinxAligner:
     @property
     def process(self) -> int | None:
         """Number of the process that is at work or waiting for it; None if there is none."""
-        worker = self._worker
-        return worker.pid if worker is not None and worker.alive else None
+        return self._worker.pid
 
     # --- what is asked of the process
 
@@ -187,120 +169,22 @@ class PocketSphinxAligner:
             yield start, min(start + round(LONGEST * RATE), len(sound)), range(first, len(words))
 
     def _ask(self, task: str, words: Sequence[WrittenWord], sound: NDArray[np.float32]) -> Any:
-        request = {"task": task, "words": [[" ".join(said) for said in word.pronunciations] for word in words]}
+        question = {"task": task, "words": [[" ".join(said) for said in word.pronunciations] for word in words]}
         limit = self.time_limit
         if limit is None:
             limit = START_LIMIT + LIMIT_PER_SECOND * len(sound) / RATE
-        if self._worker is not None and not self._worker.alive:
-            self._drop()
         try:
-            if self._worker is None:
-                self._worker = _Worker()
-            if self._closing.is_set():  # looked at after the start: a new process cannot escape `close`
-                raise _Died("it was closed")
-            reply = self._worker.ask(request, _padded(sound), limit)
-        except _Died as death:
-            self._drop()
-            raise self._failed(str(death), advice="Try again; if that fails too, try a shorter recording.") from death
-        except BaseException:  # Ctrl-C between question and answer: the answer must not be taken for that of the next
-            self._drop()
-            raise
-        if "error" in reply:
-            raise self._failed(reply["error"])
-        return reply["answer"]
-
-    def _drop(self) -> None:
-        worker, self._worker = self._worker, None
-        if worker is not None:
-            worker.end()
+            answer, _ = self._worker.ask(question, _padded(sound), seconds=limit)
+        except WorkerFailed as failure:
+            advice = "Try again; if that fails too, try a shorter recording."
+            raise self._failed(str(failure), advice=advice) from failure
+        return answer
 
     def _unsaid(self, origin: float, duration: float, words: Sequence[str]) -> AlignmentFailed:
         return self._failed(f"the {duration:.1f} s of sound from {origin:.1f} s on do not say “{_excerpt(words)}”")
 
     def _failed(self, message: str, advice: str = "Is the transcript that of this recording?") -> AlignmentFailed:
         return AlignmentFailed(f"aligner {self.name}: {message}", advice=advice)
-
-
-class _Died(Exception):
-    """The process ended or was killed before it answered; the message says why."""
-
-
-class _Worker:
-    """The process and the pipes to it."""
-
-    def __init__(self) -> None:
-        found = [str(Path(__file__).resolve().parents[2]), os.environ.get("PYTHONPATH", "")]
-        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, found))}
-        self._process = subprocess.Popen(
-            [sys.executable, "-P", "-m", "app.align.sphinx_worker"],
-            env=environment,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-        )
-        assert self._process.stdin is not None
-        assert self._process.stdout is not None
-        self._in: BinaryIO = self._process.stdin  # type: ignore[assignment]
-        self._out: BinaryIO = self._process.stdout  # type: ignore[assignment]
-        self._finalizer = weakref.finalize(self, _end, self._process)
-
-    @property
-    def alive(self) -> bool:
-        return self._process.poll() is None
-
-    @property
-    def pid(self) -> int:
-        return self._process.pid
-
-    def ask(self, request: dict[str, Any], samples: bytes, limit: float) -> dict[str, Any]:
-        """Send a request and wait for its answer; kill the process after `limit` seconds."""
-        expired = threading.Event()
-
-        def expire() -> None:
-            expired.set()
-            self._process.kill()
-
-        timer = threading.Timer(limit, expire)
-        timer.daemon = True
-        timer.start()
-        try:
-            write(self._in, {**request, "bytes": len(samples)})
-            self._in.write(samples)
-            self._in.flush()
-            reply = read(self._out)
-            if reply is None:
-                raise EOFError
-            return dict(reply)
-        except (OSError, EOFError, json.JSONDecodeError) as error:
-            if expired.is_set():
-                raise _Died(f"it took longer than {limit:.0f} s and was ended") from error
-            raise _Died(f"its process ended ({_reason(self._process)})") from error
-        finally:
-            timer.cancel()
-
-    def kill(self) -> None:
-        """Make whoever waits for an answer wait no longer; the rest is for `end` to do."""
-        self._process.kill()
-
-    def end(self) -> None:
-        self._finalizer()
-
-
-def _end(process: subprocess.Popen[bytes]) -> None:
-    process.kill()
-    process.wait()
-    for pipe in (process.stdin, process.stdout):
-        if pipe is not None:
-            with suppress(OSError):  # what was not sent cannot be sent any more
-                pipe.close()
-
-
-def _reason(process: subprocess.Popen[bytes]) -> str:
-    try:
-        code = process.wait(5)
-    except subprocess.TimeoutExpired:
-        return "its pipes broke"
-    return f"signal {-code}" if code < 0 else f"exit code {code}"
 
 
 def _padded(sound: NDArray[np.float32]) -> bytes:

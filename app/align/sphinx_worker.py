@@ -1,10 +1,8 @@
 """The process in which pocketsphinx runs: it holds Python's global lock, and C code may crash or never end.
 
-Talks through its standard input and output (`app.align.pocketsphinx` is the other end): a 4-byte length, JSON, then the
-samples (int16, 16 kHz); the answer is a 4-byte length and JSON. It ends when its input does.
+`app.align.pocketsphinx` is the other end of it (see `app.worker`). It ends when its input does.
 
-Requests are ``{"task": name, "words": [[pronunciation, ...], ...], "bytes": n}``, answers ``{"answer": ...}`` or, after
-a failure, ``{"error": message}``. The tasks:
+Questions are ``{"task": name, "words": [[pronunciation, ...], ...]}`` with samples (int16, 16 kHz). The tasks:
 
 - ``hello`` answers true.
 - ``align`` answers ``[[word, phone, first frame, frames, score], ...]`` (word -1: silence), null if nothing was found.
@@ -13,38 +11,27 @@ a failure, ``{"error": message}``. The tasks:
 
 from __future__ import annotations
 
-import json
 import os
 import re
-import signal
-import struct
-import sys
 import tempfile
 from collections.abc import Iterator, Sequence
-from typing import Any, BinaryIO
+from typing import Any
 
 from pocketsphinx import Decoder
 
+from app.worker import serve
+
 SEARCH_BEAM = 1e-300  # nothing is pruned: the usual beams lose the end of every fifth sentence
 _NUMBER = re.compile(r"w(\d+)")
-_HEADER = struct.Struct(">I")
 
 
 def main() -> None:
-    """Answer requests until the input ends."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the other end's to handle
-    source, sink = sys.stdin.buffer, os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # whatever a library prints must not get between the answers
+    """Answer questions until the input ends."""
     with tempfile.TemporaryDirectory(prefix="mary-align-") as folder:
         path = os.path.join(folder, "empty.dict")  # noqa: PTH118
         with open(path, "w", encoding="utf-8") as file:  # noqa: PTH123
             file.write("ah AH\n")  # our words bring their pronunciations; without the big dictionary it loads in 5 ms
-        while (request := read(source)) is not None:
-            samples = source.read(request["bytes"])
-            try:
-                write(sink, {"answer": _answer(request["task"], path, request["words"], samples)})
-            except Exception as error:
-                write(sink, {"error": f"{type(error).__name__}: {error}"})
+        serve(lambda question, samples: (_answer(question["task"], path, question["words"], samples), b""))
 
 
 def _answer(task: str, dictionary: str, words: Sequence[Sequence[str]], samples: bytes) -> Any:
@@ -57,23 +44,6 @@ def _answer(task: str, dictionary: str, words: Sequence[Sequence[str]], samples:
             return True
         case _:
             raise ValueError(f"no task {task!r}")
-
-
-def read(source: BinaryIO) -> Any:
-    """One message; None at the end of the input."""
-    header = source.read(_HEADER.size)
-    if len(header) < _HEADER.size:
-        return None
-    (size,) = _HEADER.unpack(header)
-    body = source.read(size)
-    return json.loads(body) if len(body) == size else None
-
-
-def write(sink: BinaryIO, message: Any) -> None:
-    """Send one message."""
-    body = json.dumps(message).encode()
-    sink.write(_HEADER.pack(len(body)) + body)
-    sink.flush()
 
 
 def _decoder(dictionary: str, words: Sequence[Sequence[str]]) -> Decoder:
