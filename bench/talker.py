@@ -25,9 +25,10 @@ from app.engine.evaluation.measure import Measured, measure
 from app.engine.evaluation.speech import Predict
 from app.engine.evaluation.talker import Talker
 from app.engine.metrics import trajectory_scores
+from app.engine.models.model import Spoken
 from app.engine.pack import FPS, load_pack
 from app.engine.training.articulation import LEAD, SMOOTHNESS, TRAINED_SMOOTHNESS, predicted_by, spoken_passages
-from app.engine.training.fit_trajectory import Options, Spoken, fit_trajectory, untrained
+from app.engine.training.fit_trajectory import Options, fit_trajectory, untrained
 from app.engine.training.footage import shots
 from app.engine.training.take import Take
 from app.engine.training.train import learn

@@ -11,7 +11,7 @@ APP = Path(__file__).resolve().parent.parent / "app"
 MAY_IMPORT = {
     "tts": {"speech", "errors", "config", "plugins", "answer", "exchange", "worker", "align"},
     "align": {"speech", "errors", "plugins", "answer", "exchange", "worker"},
-    "engine": {"speech", "errors"},
+    "engine": {"speech", "errors", "plugins"},
     "evaluation": {"speech", "errors", "align", "engine"},
     "stream": {"speech", "errors", "config", "engine"},
     "commands": {"speech", "errors", "config", "tts", "align", "engine", "evaluation"},

@@ -38,6 +38,7 @@ class TrajectoryScores:
         correlation, correlation_deviation: ACC: mean over sentences, and standard deviation over them, of the mean
             correlation coefficient of all parameters.
         error_weighted, correlation_weighted: the same means, parameters weighted by their variance.
+        error_weighted_deviation, correlation_weighted_deviation: and their deviations over sentences.
         amplitude: deviation of the predicted parameters over that of the true ones, weighted alike.
         jerk: root mean square third difference of the predicted over that of the true parameters, weighted alike.
         sentences, frames: how many.
@@ -48,7 +49,9 @@ class TrajectoryScores:
     correlation: float
     correlation_deviation: float
     error_weighted: float
+    error_weighted_deviation: float
     correlation_weighted: float
+    correlation_weighted_deviation: float
     amplitude: float
     jerk: float
     sentences: int
@@ -97,7 +100,9 @@ def trajectory_scores(
         correlation=float(related.mean()),
         correlation_deviation=float(related.mean(1).std()),
         error_weighted=float(error.mean(0) @ weight),
+        error_weighted_deviation=float((error @ weight).std()),
         correlation_weighted=float(related.mean(0) @ weight),
+        correlation_weighted_deviation=float((related @ weight).std()),
         amplitude=float(spread[0] / max(spread[1], 1e-12)),
         jerk=float(jerk[0] / max(jerk[1], 1e-12)),
         sentences=len(errors),

@@ -14,8 +14,6 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-import zipfile
-import zlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -27,10 +25,11 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from app.engine.background import GRID, Background, Box
 from app.engine.mmm import MorphableModel
+from app.engine.models.gaussian import load_gaussian
 from app.engine.modes import MESH_STEP, Modes
+from app.engine.stored_arrays import MOST_BYTES, StoredArrays, read_arrays
 from app.engine.trajectory import GaussianTrajectory
 from app.errors import BadPack
-from app.speech import SILENCE
 
 FORMAT = 1
 MODEL, LOOP, IDLE, PREVIEW = "model.npz", "loop.mkv", "idle.mp4", "preview.jpg"
@@ -38,9 +37,6 @@ MANIFEST = "manifest.json"
 FILES = (MODEL, LOOP, IDLE, PREVIEW)
 FPS = 25
 """Frames a second of every avatar: sound and picture of all streams share one clock."""
-MOST_BYTES = 256 * 2**20
-"""A model file or a loop that unpacks to more is refused unread."""
-
 Half = NDArray[np.float16]
 
 
@@ -94,7 +90,7 @@ def load_pack(folder: Path) -> Pack:
         BadPack: a file is missing, changed, of another version, or holds something else than it should.
     """
     manifest = check_files(folder)
-    arrays = _arrays(folder / MODEL)
+    arrays = read_arrays(folder / MODEL)
     try:
         modes = _modes(arrays)
         morphable = _morphable(arrays, modes)
@@ -154,14 +150,7 @@ def save_model(
         "prototypes": np.clip(np.rint(morphable.images), 0, 255).astype(np.uint8),
         "prototype_flows": morphable.flows.astype(np.float16),
         "reference": np.array([morphable.reference], np.int32),
-        "states": np.array(trajectory.states),
-        "state_mean": trajectory.mean,
-        "state_precision": trajectory.precision,
-        "coefficient_offset": trajectory.offset,
-        "coefficient_scale": trajectory.scale,
-        "trajectory": np.array(
-            [trajectory.fps, trajectory.smoothness, trajectory.order, trajectory.lead, trajectory.cap]
-        ),
+        **trajectory.to_arrays(),
         "crop": np.array([background.crop.x, background.crop.y, background.crop.width, background.crop.height]),
         "region": np.array(
             [background.region.x, background.region.y, background.region.width, background.region.height]
@@ -189,79 +178,39 @@ def digest(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def _arrays(path: Path) -> dict[str, NDArray[Any]]:
-    try:
-        with zipfile.ZipFile(path) as archive:
-            size = sum(entry.file_size for entry in archive.infolist())
-        if size > MOST_BYTES:
-            raise BadPack(f"{path} unpacks to {size} bytes, more than {MOST_BYTES}")
-        with np.load(path, allow_pickle=False) as stored:
-            arrays = {name: stored[name] for name in stored.files}
-    except (OSError, ValueError, EOFError, MemoryError, RuntimeError, zlib.error, zipfile.BadZipFile) as error:
-        raise BadPack(f"{path} is no model: {error}") from error
-    for name, array in arrays.items():
-        if not isinstance(array, np.ndarray):  # numpy hands out entries that are no arrays as they are
-            raise BadPack(f"{path} is no model: {name} is no array")
-    return arrays
-
-
-def _checked(arrays: dict[str, NDArray[Any]], name: str, shape: tuple[int, ...]) -> NDArray[np.float32]:
-    """An array as float32, with the shape it must have (-1: any) and nothing but finite numbers."""
-    array = arrays[name]
-    if array.ndim != len(shape) or any(want not in (-1, have) for want, have in zip(shape, array.shape, strict=True)):
-        raise BadPack(f"{MODEL}: {name} has shape {array.shape}, expected {shape} (-1: any)")
-    if array.dtype.kind not in "fiu":
-        raise BadPack(f"{MODEL}: {name} holds {array.dtype}, expected numbers")
-    with np.errstate(over="ignore"):
-        numbers = np.ascontiguousarray(array, np.float32)
-    if not np.isfinite(numbers).all():
-        raise BadPack(f"{MODEL}: {name} holds numbers that are not finite")
-    return numbers
-
-
-def _modes(arrays: dict[str, NDArray[Any]]) -> Modes:
-    width, height = (int(side) for side in _checked(arrays, "size", (2,)))
+def _modes(arrays: StoredArrays) -> Modes:
+    width, height = (int(side) for side in arrays.numbers("size", (2,)))
     if not (0 < width <= 2048 and 0 < height <= 2048) or width % 2 or height % 2:
         raise BadPack(f"{MODEL}: the mouth region is {width}x{height}")
     mesh = (-(-height // MESH_STEP), -(-width // MESH_STEP))
     pixels = width * height * 3 // 2
     return Modes(
         width, height,
-        _checked(arrays, "flow_mean", (*mesh, 2)),
-        _checked(arrays, "flow_modes", (-1, *mesh, 2)),
-        _checked(arrays, "texture_mean", (pixels,)),
-        _checked(arrays, "texture_modes", (-1, pixels)),
-        _checked(arrays, "layer", mesh),
-        _checked(arrays, "detail", (pixels,)),
+        arrays.numbers("flow_mean", (*mesh, 2)),
+        arrays.numbers("flow_modes", (-1, *mesh, 2)),
+        arrays.numbers("texture_mean", (pixels,)),
+        arrays.numbers("texture_modes", (-1, pixels)),
+        arrays.numbers("layer", mesh),
+        arrays.numbers("detail", (pixels,)),
     )  # fmt: skip
 
 
-def _morphable(arrays: dict[str, NDArray[Any]], modes: Modes) -> MorphableModel:
-    images = _checked(arrays, "prototypes", (-1, len(modes.texture_mean)))
-    flows = _checked(arrays, "prototype_flows", (len(images), modes.height, modes.width, 2))
-    reference = int(_checked(arrays, "reference", (1,))[0])
+def _morphable(arrays: StoredArrays, modes: Modes) -> MorphableModel:
+    images = arrays.numbers("prototypes", (-1, len(modes.texture_mean)))
+    flows = arrays.numbers("prototype_flows", (len(images), modes.height, modes.width, 2))
+    reference = int(arrays.numbers("reference", (1,))[0])
     if not 0 <= reference < len(images):
         raise BadPack(f"{MODEL}: the reference is prototype {reference} of {len(images)}")
     return MorphableModel(modes.width, modes.height, images, flows, reference)
 
 
-def _trajectory(arrays: dict[str, NDArray[Any]], modes: Modes, manifest: Manifest) -> GaussianTrajectory:
-    names = arrays["states"]
-    if names.ndim != 1 or names.dtype.kind != "U":
-        raise BadPack(f"{MODEL}: states holds {names.dtype} of shape {names.shape}, expected a row of names")
-    states = tuple(str(state) for state in names)
-    if SILENCE not in states:
-        raise BadPack(f"{MODEL}: the trajectory model has no silence")
-    shape = (len(states), modes.count)
-    mean, precision = (_checked(arrays, name, shape) for name in ("state_mean", "state_precision"))
-    offset, scale = (_checked(arrays, f"coefficient_{name}", (modes.count,)) for name in ("offset", "scale"))
-    fps, smoothness, order, lead, cap = (float(number) for number in _checked(arrays, "trajectory", (5,)))
-    if not ((precision > 0).all() and (scale > 0).all() and smoothness > 0 and 1 <= order <= 8 and cap > 0):
-        raise BadPack(f"{MODEL}: the trajectory model's variances, scale, smoothness, order or cap are out of range")
-    if abs(fps - manifest.fps) > 1e-3:
-        raise BadPack(f"{MODEL}: trajectories are of {fps:g} frames a second, the manifest says {manifest.fps:g}")
-    exact = [np.asarray(array, np.float64) for array in (mean, precision, offset, scale)]
-    return GaussianTrajectory(states, exact[0], exact[1], exact[2], exact[3], fps, smoothness, int(order), lead, cap)
+def _trajectory(arrays: StoredArrays, modes: Modes, manifest: Manifest) -> GaussianTrajectory:
+    model = load_gaussian(arrays)
+    if len(model.scale) != modes.count:
+        raise BadPack(f"{MODEL}: trajectories have {len(model.scale)} coefficients, mouths {modes.count}")
+    if abs(model.fps - manifest.fps) > 1e-3:
+        raise BadPack(f"{MODEL}: trajectories are of {model.fps:g} frames a second, the manifest says {manifest.fps:g}")
+    return model
 
 
 def _pictures(path: Path, manifest: Manifest) -> NDArray[np.uint8]:
@@ -287,10 +236,8 @@ def _pictures(path: Path, manifest: Manifest) -> NDArray[np.uint8]:
     return pictures
 
 
-def _background(
-    arrays: dict[str, NDArray[Any]], pictures: NDArray[np.uint8], manifest: Manifest, modes: Modes
-) -> Background:
-    crop, region = (Box(*(int(side) for side in _checked(arrays, name, (4,)))) for name in ("crop", "region"))
+def _background(arrays: StoredArrays, pictures: NDArray[np.uint8], manifest: Manifest, modes: Modes) -> Background:
+    crop, region = (Box(*(int(side) for side in arrays.numbers(name, (4,)))) for name in ("crop", "region"))
     for name, box in (("crop", crop), ("region", region)):
         across = 0 <= box.x < box.x + box.width <= manifest.width
         down = 0 <= box.y < box.y + box.height <= manifest.height
@@ -299,6 +246,6 @@ def _background(
     if (crop.width, crop.height) != (modes.width, modes.height):
         raise BadPack(f"{MODEL}: the crop is {crop.width}x{crop.height}, the texture {modes.width}x{modes.height}")
     grid = (-(-region.height // GRID) + 1, -(-region.width // GRID) + 1)
-    pose = _checked(arrays, "pose", (len(pictures), *grid, 2))
-    mask = _checked(arrays, "mask", (modes.height, modes.width)) / np.float32(255)
+    pose = arrays.numbers("pose", (len(pictures), *grid, 2))
+    mask = arrays.numbers("mask", (modes.height, modes.width)) / np.float32(255)
     return Background(pictures, crop, region, pose, mask)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,6 +31,30 @@ VISEMES: tuple[tuple[str, ...], ...] = (
     ("EH", "EY"), ("IH", "IY", "Y"), ("AH", "HH"), (SILENCE,),
 )  # fmt: skip
 """Phones that look alike share statistics where there are few examples."""
+
+
+def lookalikes(phone: str) -> Iterator[str]:
+    """A phone, then those that look like it, the most alike first (`NEAREST`, and what is nearest to these)."""
+    queue, seen = [phone], set()
+    while queue:
+        candidate = queue.pop(0)
+        if candidate not in seen:
+            seen.add(candidate)
+            yield candidate
+            queue += NEAREST.get(candidate, ())
+
+
+def nearest_phone(phone: str, trained: Collection[str]) -> str:
+    """The phone itself if it was trained, else the trained one that looks most like it; never silence for speech.
+
+    Args:
+        phone: ARPAbet without stress, or silence.
+        trained: among them silence and one other phone at least.
+    """
+    if phone == SILENCE:
+        return SILENCE
+    alike = (candidate for candidate in lookalikes(phone) if candidate in trained)
+    return next(alike, None) or next(name for name in sorted(trained) if name != SILENCE)
 
 
 _VISEME = {phone: number for number, members in enumerate(VISEMES) for phone in members}

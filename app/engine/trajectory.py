@@ -9,12 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from app.engine.banded import smoothness_band, solve
-from app.engine.states import NEAREST, Occupancy, Segment, occupancy, parent, segments
+from app.engine.models.model import Input
+from app.engine.models.sound import Sound
+from app.engine.states import Occupancy, Segment, lookalikes, occupancy, parent, segments
 from app.speech import SILENCE, Phone
 
 Array = NDArray[np.float64]
@@ -50,7 +53,24 @@ class GaussianTrajectory:
     lead: float = 0.05
     cap: float = 12.0
 
-    def predict(self, phones: Sequence[Phone], frames: int, *, before: Coefficients | None = None) -> Coefficients:
+    @property
+    def name(self) -> str:
+        """Of its kind."""
+        return "gaussian"
+
+    @property
+    def inputs(self) -> frozenset[Input]:
+        """What it can speak from."""
+        return frozenset({"phones"})
+
+    def predict(
+        self,
+        phones: Sequence[Phone],
+        frames: int,
+        *,
+        before: Coefficients | None = None,
+        sound: Sound | None = None,
+    ) -> Coefficients:
         """Coefficients of every frame of some phones.
 
         Args:
@@ -58,10 +78,12 @@ class GaussianTrajectory:
             frames: T; before the first phone and after the last, these two go on.
             before: (b, K) coefficients of the frames just before; the trajectory continues them smoothly. Only the
                 last `order` matter.
+            sound: does not matter.
 
         Returns:
             (T, K), float32.
         """
+        del sound
         if frames <= 0:
             return np.zeros((0, len(self.scale)), np.float32)
         shown = self.occupancy(phones or [Phone(SILENCE, 0.0, frames / self.fps)], frames)
@@ -112,6 +134,17 @@ class GaussianTrajectory:
         mean: Coefficients = (self.mean[self.states.index(SILENCE)] * self.scale + self.offset).astype(np.float32)
         return mean
 
+    def to_arrays(self) -> dict[str, NDArray[Any]]:
+        """See `app.engine.models.model.TrajectoryModel`; read again by `app.engine.models.gaussian.load_gaussian`."""
+        return {
+            "states": np.array(self.states),
+            "state_mean": self.mean,
+            "state_precision": self.precision,
+            "coefficient_offset": self.offset,
+            "coefficient_scale": self.scale,
+            "trajectory": np.array([self.fps, self.smoothness, self.order, self.lead, self.cap]),
+        }
+
     def _standardise(self, coefficients: Coefficients | None) -> Array | None:
         return None if coefficients is None else (coefficients.astype(np.float64) - self.offset) / self.scale
 
@@ -133,14 +166,8 @@ def nearest_state(state: str, trained: Collection[str]) -> str:
     phone, _, part = parent(state).partition(".")
     if phone == SILENCE:
         return SILENCE
-    queue, seen = [phone], set()
-    while queue:
-        candidate = queue.pop(0)
-        if candidate in seen:
-            continue
-        seen.add(candidate)
+    for candidate in lookalikes(phone):
         for name in (f"{candidate}.{part}", candidate, f"{candidate}.0", f"{candidate}.1"):
             if name in trained:
                 return name
-        queue += NEAREST.get(candidate, ())
     return next(name for name in sorted(trained) if not name.startswith(SILENCE))

@@ -34,7 +34,7 @@ def example(seed: int) -> Example:
 
 def scores(test: str, amplitude: float = 0.9) -> Scores:
     pictures = PictureScores(40.0, 37.5, 0.98, 100)
-    trajectory = TrajectoryScores(0.6, 0.1, 0.5, 0.2, 0.4, 0.7, 0.8, 0.3, 2, 80)
+    trajectory = TrajectoryScores(0.6, 0.1, 0.5, 0.2, 0.4, 0.1, 0.7, 0.1, 0.8, 0.3, 2, 80)
     rows = tuple(
         TrajectoryRow(model, space, trajectory)
         for space in ("all modes", "leading modes")

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from app.engine.metrics import Window
 from app.engine.mmm import MorphableModel
+from app.engine.modes import Modes, densify
 from app.engine.pack import FPS
 from app.speech import Phone
 
@@ -77,6 +78,36 @@ class Lips:
         """
         upper, lower = (float(flow[row, self.left : self.right, 1].mean()) for row in (self.upper, self.lower))
         return (lower - upper + self.lower - self.upper - self.least) / (self.most - self.least)
+
+
+@dataclass(frozen=True)
+class LinearOpening:
+    """The opening that mode coefficients stand for: what `Lips` finds in the flow that they make.
+
+    Attributes:
+        weights: (K,), zero for texture.
+        base: opening of coefficients that are zero.
+    """
+
+    weights: NDArray[np.float64]
+    base: float
+
+    @classmethod
+    def of_modes(cls, lips: Lips, modes: Modes) -> LinearOpening:
+        """The opening is linear in the flow, and the flow in the coefficients."""
+
+        def measured(coefficients: Float) -> float:
+            return lips.opening(densify(modes.flow(coefficients), modes.width, modes.height))
+
+        base = measured(np.zeros(modes.count, np.float32))
+        weights = np.zeros(modes.count)
+        for mode in range(modes.flow_count):
+            weights[mode] = measured(np.eye(modes.count, dtype=np.float32)[mode]) - base
+        return cls(weights, base)
+
+    def of(self, coefficients: Float) -> NDArray[np.float64]:
+        """(T,) openings of coefficients (T, K)."""
+        return coefficients.astype(np.float64) @ self.weights + self.base
 
 
 def closings(phones: Sequence[Phone], frames: int, lead: float) -> Iterator[slice]:

@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.engine.metrics import TrajectoryScores, trajectory_scores
+from app.engine.models.model import Spoken
 from app.engine.pack import FPS
 from app.engine.training.corpus import Corpus
-from app.engine.training.fit_trajectory import Options, Spoken, descent, fit_trajectory, untrained
+from app.engine.training.fit_trajectory import Options, descent, fit_trajectory, untrained
 from app.engine.trajectory import GaussianTrajectory
 
 Float = NDArray[np.float32]

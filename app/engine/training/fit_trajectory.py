@@ -12,10 +12,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from app.engine.models.model import Spoken
 from app.engine.states import VISEMES, Occupancy, occupancy, parent, plain, segments, viseme
 from app.engine.trajectory import GaussianTrajectory
 from app.errors import TrainingFailed
-from app.speech import SILENCE, Phone
+from app.speech import SILENCE
 
 Array = NDArray[np.float64]
 
@@ -37,21 +38,6 @@ class Options:
     pull: float = 2e-4  # towards the statistics, per frame
     contexts: bool = True  # halves of phones beside their neighbours; else one Gaussian a phone, as Fu 2011 has it
     seed: int = 0
-
-
-@dataclass(frozen=True)
-class Spoken:
-    """A stretch of speech and the mouths that were seen.
-
-    Attributes:
-        phones: gapless, times in seconds from the first frame.
-        coefficients: (T, K).
-        counted: (T,) which frames are to be learnt from.
-    """
-
-    phones: tuple[Phone, ...]
-    coefficients: NDArray[np.float32]
-    counted: NDArray[np.bool_]
 
 
 @dataclass(frozen=True)

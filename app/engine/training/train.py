@@ -19,7 +19,6 @@ from app.engine.pack import (
     LOOP,
     MANIFEST,
     MODEL,
-    MOST_BYTES,
     PREVIEW,
     Manifest,
     Pack,
@@ -29,6 +28,7 @@ from app.engine.pack import (
     save_model,
     write_manifest,
 )  # fmt: skip
+from app.engine.stored_arrays import MOST_BYTES
 from app.engine.threads import one_thread_a_call
 from app.engine.training.appearance import Appearance, learn_appearance
 from app.engine.training.articulation import Articulation, learn_articulation, spoken_passages

@@ -11,6 +11,7 @@ from drawn_recording import LOWERED
 from numpy.typing import NDArray
 
 from app.engine.metrics import trajectory_scores
+from app.engine.models.model import Spoken
 from app.engine.training import articulation as module
 from app.engine.training.appearance import Appearance
 from app.engine.training.articulation import (
@@ -23,7 +24,7 @@ from app.engine.training.articulation import (
     spoken_passages,
 )
 from app.engine.training.corpus import Corpus
-from app.engine.training.fit_trajectory import Options, Spoken, descent, fit_trajectory, untrained
+from app.engine.training.fit_trajectory import Options, descent, fit_trajectory, untrained
 from app.engine.trajectory import GaussianTrajectory
 from app.speech import SILENCE, Phone
 

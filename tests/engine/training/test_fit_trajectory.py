@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from app.engine.models.model import Spoken
 from app.engine.states import VISEMES, parent, plain, segments, viseme
 from app.engine.training.fit_trajectory import (
     Options,
-    Spoken,
     Target,
     descent,
     fit_trajectory,
