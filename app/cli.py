@@ -94,6 +94,8 @@ def say(
     text: Annotated[str, typer.Argument(help="What to say, or SSML; - reads it from standard input.")] = "",
     output: Annotated[Path, typer.Option("--output", "-o", help="The MP4 file to write.")] = Path("mary.mp4"),
     avatar: Annotated[str | None, typer.Option(help="See: mary avatars.")] = None,
+    trajectory: Annotated[str | None, typer.Option(help="What moves the mouth. See: mary avatars.")] = None,
+    renderer: Annotated[str | None, typer.Option(help="What draws the mouth: fast, reference.")] = None,
     voice: Annotated[str | None, typer.Option(help="See: mary voices.")] = None,
     speed: Annotated[float, typer.Option(min=0.5, max=2.0, help="1 is the voice's own pace.")] = 1.0,
     lexicon: Annotated[
@@ -131,7 +133,9 @@ def say(
 
     with _progress() as progress:
         task = progress.add_task("loading", total=None)
-        face = _shelf(settings).get(avatar or settings.avatars.default)
+        face = _shelf(settings).get(avatar or settings.avatars.default, trajectory=trajectory, renderer=renderer)
+        if face.excuse:
+            _err.print(Text(face.excuse), soft_wrap=True)
         if audio is not None and phones is not None:
             speeches = iter([read_speech(audio, phones)])
         elif audio is not None:
@@ -188,7 +192,9 @@ def _with_lexicon(settings: Settings, entries: Sequence[str]) -> Settings:
 def _shelf(settings: Settings) -> AvatarShelf:
     from app.engine.avatar import AvatarShelf
 
-    return AvatarShelf(settings.avatars.folder, settings.engine.renderer, settings.avatars.default)
+    return AvatarShelf(
+        settings.avatars.folder, settings.engine.renderer, settings.avatars.default, settings.engine.trajectory
+    )
 
 
 def _spoken(
@@ -274,16 +280,19 @@ def avatars(config: ConfigOption = None) -> None:
     """List the avatars."""
     settings = load(config)
     shelf = _shelf(settings)
-    table = Table("avatar", "title", "picture", "voice", "licence", "", box=None, pad_edge=False)
+    from app.engine.models.pack_models import trajectories
+
+    table = Table("avatar", "title", "picture", "voice", "trajectories", "licence", "", box=None, pad_edge=False)
     for name in shelf.ids():
         try:
             manifest = shelf.manifest(name)
         except MaryError as error:
-            table.add_row(name, "", "", "", "", Text(error.message, style="red"))
+            table.add_row(name, "", "", "", "", "", Text(error.message, style="red"))
             continue
         note = "default" if name == settings.avatars.default else ""
         size = f"{manifest.width}x{manifest.height}, {manifest.fps:g} fps"
-        table.add_row(name, manifest.title, size, manifest.voice, manifest.licence, note)
+        models = ", ".join(trajectories(manifest))
+        table.add_row(name, manifest.title, size, manifest.voice, models, manifest.licence, note)
     _out.print(table)
 
 

@@ -96,7 +96,8 @@ class AlignSettings(_Section):
 
 
 class EngineSettings(_Section):
-    renderer: Literal["fast", "reference"] = "fast"
+    trajectory: str = ""
+    renderer: Literal["", "fast", "reference"] = ""
     workers: int = Field(default=0, ge=0, le=256)
     look_ahead: float = Field(default=0.4, gt=0, le=5)
     encode_ahead: float = Field(default=0.08, ge=0, le=1)

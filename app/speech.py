@@ -64,6 +64,9 @@ class Speech:
         around: the phones with those that sound shortly before and after, in seconds from the first sample, so from
             less than 0 on to behind the end: live sound is cut in the middle of words. Empty if nothing is known.
         marks: in order of time.
+        ahead: what sounds after the samples, as far as it is known and matters to how the mouth moves already: (m,)
+            samples; None if nothing is known.
+        guessed: the phones were recognised in the sound, nobody knew the text.
     """
 
     samples: NDArray[np.float32]
@@ -73,6 +76,8 @@ class Speech:
     unread: tuple[str, ...] = ()
     around: tuple[Phone, ...] = ()
     marks: tuple[Mark, ...] = ()
+    ahead: NDArray[np.float32] | None = None
+    guessed: bool = False
 
     @property
     def duration(self) -> float:

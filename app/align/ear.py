@@ -104,7 +104,10 @@ class Ear:
         around = [Phone(each.symbol, each.start - start, each.end - start) for each in shown]
         inside = _clipped(around, end - start)
         self._past = [replace(each, end=min(each.end, end)) for each in shown if end - LEFT < each.start < end]
-        return Speech(samples, OUT_RATE, tuple(inside), self._words(shown, start, end), around=tuple(around))
+        return Speech(
+            samples, OUT_RATE, tuple(inside), self._words(shown, start, end), around=tuple(around),
+            ahead=self._loud.peek(end, min(heard, end + LOOK)), guessed=not self._written,
+        )  # fmt: skip
 
     def _shown(self, start: float, end: float, known: float, *, last: bool) -> list[_Shown]:
         """Phones handed on, those of this piece, and those after it as far as they are known."""

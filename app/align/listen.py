@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import soxr
@@ -86,7 +86,7 @@ def recognise_recording(samples: NDArray[np.float32], rate: int, recogniser: Rec
         RecognitionFailed: the recogniser broke down.
     """
     sound = samples if rate == RATE else soxr.resample(samples, rate, RATE)
-    return Listened(_speech(samples, rate, recognise(recogniser, sound), ()))
+    return Listened(replace(_speech(samples, rate, recognise(recogniser, sound), ()), guessed=True))
 
 
 def _speech(samples: NDArray[np.float32], rate: int, phones: tuple[Phone, ...], words: tuple[Word, ...]) -> Speech:
@@ -140,4 +140,8 @@ def _part(speech: Speech, first: int, last: int) -> Speech:
     words = tuple(
         Word(word.text, word.start - start, word.end - start) for word in speech.words if start <= word.start < end
     )
-    return Speech(speech.samples[first:last], speech.rate, tuple(inside), words, around=around)
+    ahead = speech.samples[last : last + round(AROUND * speech.rate)]
+    return Speech(
+        speech.samples[first:last], speech.rate, tuple(inside), words, around=around, ahead=ahead,
+        guessed=speech.guessed,
+    )  # fmt: skip

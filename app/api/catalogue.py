@@ -11,6 +11,8 @@ from fastapi.responses import FileResponse
 from app.api.schemas import AvatarEntry, Avatars, EngineEntry, VoiceEntry, Voices
 from app.api.service import LoadedService
 from app.api.threads import in_thread
+from app.engine.avatar import RENDERERS
+from app.engine.models.pack_models import trajectories
 from app.tts.voices import every_voice
 
 router = APIRouter(tags=["catalogue"])
@@ -31,10 +33,11 @@ async def avatars(service: LoadedService) -> Avatars:
             height=manifest.height,
             idle=f"/v1/avatars/{manifest.id}/idle.mp4",
             preview=f"/v1/avatars/{manifest.id}/preview.jpg",
+            trajectories=list(trajectories(manifest)),
         )
         for manifest in await in_thread(service.shelf.usable)
     ]
-    return Avatars(default=service.settings.avatars.default, avatars=entries)
+    return Avatars(default=service.settings.avatars.default, avatars=entries, renderers=list(RENDERERS))
 
 
 @router.head("/v1/avatars/{avatar}/idle.mp4", include_in_schema=False)

@@ -32,6 +32,7 @@ from app.api.messages import (
 )
 from app.api.schemas import Phase
 from app.api.service import Service
+from app.engine.avatar import Avatar
 from app.errors import Gone, InputError, MaryError, OverCapacity
 from app.stream.events import EventName
 from app.stream.live import LiveStream
@@ -199,8 +200,9 @@ class Conversation:
             voice = self._service.voice(message.voice, self._stream.avatar).id
             limit = self._service.settings.limits.text
             own = {**self._service.settings.speech.lexicon, **message.lexicon}
+            face = await self._service.face(self._stream.avatar, message.trajectory, message.renderer)
             text = LiveText(self._service.engine, voice=voice, speed=message.speed, limit=limit, lexicon=own)
-            await self._begin(text, Script(text.speeches()), message.phase)
+            await self._begin(text, Script(text.speeches()), message.phase, face)
             self._text = text
         feed = self._feed
         if not isinstance(feed, LiveText):
@@ -215,10 +217,11 @@ class Conversation:
             raise InputError("something else is being sent", field="type", advice='Send "end" or "interrupt" first.')
         transcript = message.transcript or ""
         self._service.check_length(transcript)
+        face = await self._service.face(self._stream.avatar, message.trajectory, message.renderer)
         with ExitStack() as taken:
             taken.enter_context(self._service.listening.live_seats.one())
             sound = await self._service.listening.live(message.rate, transcript)
-            await self._begin(sound, Script(sound.speeches()), message.phase)
+            await self._begin(sound, Script(sound.speeches()), message.phase, face)
             self._seat = taken.pop_all()
         self._text = None
 
@@ -236,15 +239,16 @@ class Conversation:
         self._service.check_length(message.text)
         voice = self._service.voice(message.voice, self._stream.avatar).id if message.voice else ""
         reading = Reading(voice, message.speed, message.lexicon, message.strict, message.markup)
+        face = await self._service.face(self._stream.avatar, message.trajectory, message.renderer)
         utterance = self._stream.say(
-            message.text, interrupt=message.interrupt, reading=reading, phase=_phase(message.phase)
+            message.text, interrupt=message.interrupt, reading=reading, phase=_phase(message.phase), face=face
         )
         if message.interrupt:
             self._cut()
         await self._accept(utterance)
 
-    async def _begin(self, feed: Feed, script: Script, phase: Phase | None) -> None:
-        self._utterance = self._stream.speak(script, 0, phase=_phase(phase))
+    async def _begin(self, feed: Feed, script: Script, phase: Phase | None, face: Avatar | None) -> None:
+        self._utterance = self._stream.speak(script, 0, phase=_phase(phase), face=face)
         self._feed = feed
         self._told_over = self._sound_cut = False
         await self._accept(self._utterance)

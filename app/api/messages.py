@@ -11,17 +11,19 @@ from typing import Any, Literal
 from fastapi.exceptions import RequestValidationError
 from pydantic import BaseModel, Field, ValidationError
 
-from app.api.schemas import Lexicon, Markup, Name, Phase, Request, Speed, Strict, Text
+from app.api.schemas import Lexicon, Markup, Name, Phase, Renderer, Request, Speed, Strict, Text, Trajectory
 from app.errors import InputError
 
 Rate = Literal[16_000, 24_000, 48_000]
 
 
 class TextMessage(Request):
-    """More of a text that is being written; the first one says with which voice, speed and lexicon."""
+    """More of a text that is being written; the first one says with which voice, lexicon and so on."""
 
     type: Literal["text"]
     text: Text
+    trajectory: Trajectory | None = None
+    renderer: Renderer | None = None
     voice: Name | None = None
     speed: Speed = 1.0
     lexicon: Lexicon = Field(default={})
@@ -34,6 +36,8 @@ class AudioMessage(Request):
     type: Literal["audio"]
     rate: Rate = Field(description="Samples a second.")
     transcript: Text | None = Field(default=None, description="What is said in it, if that is known.")
+    trajectory: Trajectory | None = None
+    renderer: Renderer | None = None
     phase: Phase | None = None
 
 
@@ -61,6 +65,8 @@ class SayMessage(Request):
     type: Literal["say"]
     text: Text
     interrupt: bool = False
+    trajectory: Trajectory | None = None
+    renderer: Renderer | None = None
     voice: Name | None = None
     speed: Speed = 1.0
     lexicon: Lexicon = Field(default={})

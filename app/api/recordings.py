@@ -75,13 +75,13 @@ async def speak(
 ) -> RecordingAccepted:
     """Say a recording: after what is being said, or (`interrupt`) instead of it."""
     stream = service.streams.get(stream_id)
-    stream.check_living()
+    face = await service.face(stream.avatar, order.trajectory, order.renderer)
     service.check_length(order.text)
     listened = await service.listening.recording(
         order.audio.file, order.text, strict=order.strict, lexicon=order.lexicon
     )
     script = Script(cut(listened.speech), guessed=listened.guessed)
-    utterance = stream.speak(script, len(order.text), interrupt=order.interrupt)
+    utterance = stream.speak(script, len(order.text), interrupt=order.interrupt, face=face)
     return RecordingAccepted(
         utterance=Recorded(
             id=utterance.id,
@@ -100,7 +100,7 @@ async def render(
 ) -> Response:
     """Speak a recording into an MP4 file, as fast as the machine can. When the caller hangs up, the work stops."""
     service.check_length(order.text)
-    avatar = await service.avatar(order.avatar)
+    avatar = await service.avatar(order.avatar, trajectory=order.trajectory, renderer=order.renderer)
     listened = await service.listening.recording(
         order.audio.file, order.text, strict=order.strict, lexicon=order.lexicon
     )

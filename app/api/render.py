@@ -58,7 +58,7 @@ async def render(order: RenderRequest, request: Request, service: LoadedService)
     """Speak a text into an MP4 file, as fast as the machine can. When the caller hangs up, the work stops."""
     service.check_length(order.text)
     planned = service.plan(order.text, Reading(lexicon=order.lexicon, strict=order.strict, markup=order.markup))
-    avatar = await service.avatar(order.avatar)
+    avatar = await service.avatar(order.avatar, trajectory=order.trajectory, renderer=order.renderer)
     voice = service.voice(order.voice, avatar).id
     headers = {}
     if planned.unread:

@@ -17,6 +17,10 @@ Text = Annotated[str, AfterValidator(_whole), Field(description="What to say, in
 Name = Annotated[str, AfterValidator(_whole), Field(min_length=1, max_length=200)]
 Url = Annotated[str, AfterValidator(_whole)]
 Token = Annotated[str, AfterValidator(_whole), Field(min_length=1, description="Bearer token of the WHIP server.")]
+Trajectory = Annotated[
+    Name, Field(description="What moves the mouth: see `trajectories` of the avatar.", examples=["gaussian"])
+]
+Renderer = Annotated[Name, Field(description="What draws the mouth: see `renderers`.", examples=["fast"])]
 Speed = Annotated[float, Field(ge=0.5, le=2.0, allow_inf_nan=False, description="1 is the voice's own pace.")]
 
 
@@ -54,6 +58,8 @@ class StreamRequest(Request):
 
     text: Text | None = None
     avatar: Name | None = None
+    trajectory: Trajectory | None = None
+    renderer: Renderer | None = None
     voice: Name | None = None
     speed: Speed = 1.0
     lexicon: Lexicon = {}
@@ -87,6 +93,8 @@ class SayRequest(Request):
 
     text: Text
     interrupt: bool = Field(default=False, description="Cut short what is being said and forget what is queued.")
+    trajectory: Trajectory | None = None
+    renderer: Renderer | None = None
     voice: Name | None = None
     speed: Speed = 1.0
     lexicon: Lexicon = {}
@@ -108,6 +116,8 @@ class RenderRequest(Request):
 
     text: Text
     avatar: Name | None = None
+    trajectory: Trajectory | None = None
+    renderer: Renderer | None = None
     voice: Name | None = None
     speed: Speed = 1.0
     lexicon: Lexicon = {}
@@ -129,6 +139,8 @@ class RecordingRequest(_Form):
     lexicon: Json[Lexicon] = Field(default={}, description="As with say, as JSON.")
     strict: bool = Field(default=False, description="Refuse a text that is probably not what is said.")
     interrupt: bool = Field(default=False, description="Cut short what is being said and forget what is queued.")
+    trajectory: Trajectory | None = None
+    renderer: Renderer | None = None
 
 
 class RenderRecordingRequest(_Form):
@@ -139,6 +151,8 @@ class RenderRecordingRequest(_Form):
     lexicon: Json[Lexicon] = {}
     strict: bool = False
     avatar: Name | None = None
+    trajectory: Trajectory | None = None
+    renderer: Renderer | None = None
 
 
 class Problem(BaseModel):
@@ -206,6 +220,8 @@ class StreamCreated(BaseModel):
     id: str
     state: str
     avatar: str
+    trajectory: str
+    renderer: str
     voice: str
     urls: Urls
     pushes: list[PushEntry]
@@ -284,6 +300,8 @@ class StreamReport(BaseModel):
     state: Literal["waiting", "idle", "speaking", "ended"]
     idle: Literal["stream", "local"]
     avatar: str
+    trajectory: str
+    renderer: str
     voice: str
     viewers: Viewers
     pushes: list[PushEntry]
@@ -303,6 +321,7 @@ class AvatarEntry(BaseModel):
     height: int
     idle: str
     preview: str
+    trajectories: list[str]
 
 
 class Avatars(BaseModel):
@@ -310,6 +329,7 @@ class Avatars(BaseModel):
 
     default: str
     avatars: list[AvatarEntry]
+    renderers: list[str]
 
 
 class VoiceEntry(BaseModel):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import os
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Annotated, TypeVar
 
@@ -68,6 +69,7 @@ class Service:
         self.on_failure: Callable[[], None] = lambda: None
         self._loading: asyncio.Task[None] | None = None
         self._settled = asyncio.Event()
+        self._excused: set[str] = set()  # avatars of which it was told that another model speaks
         self._ready = False
         self.closing = asyncio.Event()
 
@@ -109,14 +111,35 @@ class Service:
             await in_thread(self.engine.close)
         await in_thread(self.aligners.close)
 
-    async def avatar(self, name: str | None) -> Avatar:
+    async def avatar(self, name: str | None, *, trajectory: str | None = None, renderer: str | None = None) -> Avatar:
         """The avatar called `name`, loaded; the default one for None.
 
+        Args:
+            name: of it.
+            trajectory, renderer: what moves and draws its mouth; None: as the settings or the avatar prefer.
+
         Raises:
-            NotFound: there is none of that name.
+            NotFound: there is none of that name, or it has no such model.
             BadPack: its files are damaged; the message names it, only the cause says where it lies.
         """
-        return await self._from_shelf(self.shelf.get, self.shelf.default if name is None else name)
+        wanted = partial(self.shelf.get, trajectory=trajectory, renderer=renderer)
+        avatar = await self._from_shelf(wanted, self.shelf.default if name is None else name)
+        if avatar.excuse and avatar.manifest.id not in self._excused:
+            self._excused.add(avatar.manifest.id)
+            _log.warning("another trajectory model speaks", avatar=avatar.manifest.id, detail=avatar.excuse)
+        return avatar
+
+    async def face(self, avatar: Avatar, trajectory: str | None, renderer: str | None) -> Avatar | None:
+        """An avatar that is there already, as one utterance wants it; None if it wants nothing.
+
+        Raises:
+            NotFound: see `avatar`.
+        """
+        if trajectory is None and renderer is None:
+            return None
+        return await self.avatar(
+            avatar.manifest.id, trajectory=trajectory or avatar.model.name, renderer=renderer or avatar.renderer
+        )
 
     async def avatar_folder(self, name: str) -> Path:
         """Where the files of the avatar called `name` lie; raises as `avatar` does."""
@@ -179,11 +202,13 @@ class Service:
         settings = self.settings
         try:
             check_own_server(settings.push.rtmp)
-            self.shelf = AvatarShelf(settings.avatars.folder, settings.engine.renderer, settings.avatars.default)
+            self.shelf = AvatarShelf(
+                settings.avatars.folder, settings.engine.renderer, settings.avatars.default, settings.engine.trajectory
+            )
             self.voicebox = await in_thread(voicebox, settings.speech, settings.align, self.aligners)
             check_configured(self.engine, settings.speech.voice)
             self.listening.check()
-            await in_thread(self.shelf.get, self.shelf.default)
+            await self.avatar(None)
             await in_thread(self.engine.warm_up)
             await in_thread(plan, "Hello.")  # loads the dictionary
             self.pool = OrderedPool(settings.engine.workers or len(os.sched_getaffinity(0)))

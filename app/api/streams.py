@@ -44,7 +44,7 @@ async def create(
         service.check_length(order.text)
         reading = _reading(order, "")
         service.plan(order.text, reading)
-    avatar = await service.avatar(order.avatar)
+    avatar = await service.avatar(order.avatar, trajectory=order.trajectory, renderer=order.renderer)
     voice = service.voice(order.voice, avatar)
     pushes, rtmp = targets(order, service.settings.push)
     stream = service.streams.create(
@@ -64,6 +64,8 @@ async def create(
         id=stream.id,
         state=stream.state,
         avatar=manifest.id,
+        trajectory=avatar.model.name,
+        renderer=avatar.renderer,
         voice=voice.id,
         urls=Urls(
             self=here,
@@ -95,8 +97,9 @@ async def say(stream_id: str, order: SayRequest, service: LoadedService) -> SayA
     stream = service.streams.get(stream_id)
     service.check_length(order.text)
     voice = service.voice(order.voice, stream.avatar).id if order.voice else ""
+    face = await service.face(stream.avatar, order.trajectory, order.renderer)
     utterance = stream.say(
-        order.text, interrupt=order.interrupt, reading=_reading(order, voice), phase=_phase(order.phase)
+        order.text, interrupt=order.interrupt, reading=_reading(order, voice), phase=_phase(order.phase), face=face
     )
     return SayAccepted(utterance=_said(utterance), server_time_ms=_now_ms())
 
@@ -148,6 +151,8 @@ def _report(stream: LiveStream) -> StreamReport:
         state=report.state,
         idle=stream.options.idle,
         avatar=report.avatar,
+        trajectory=report.trajectory,
+        renderer=report.renderer,
         voice=report.voice,
         viewers=Viewers(**report.viewers),
         pushes=entries(report.pushes),

@@ -1,4 +1,4 @@
-"""An avatar ready to speak: a loaded pack with its trajectory model and its renderer."""
+"""An avatar ready to speak: a loaded pack with one of its trajectory models and one of the renderers."""
 
 from __future__ import annotations
 
@@ -6,11 +6,14 @@ import threading
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from app.engine.background import Compositor, Mouth
+from app.engine.background import Compositor, Mouth, Planner
 from app.engine.frame import Picture, empty
 from app.engine.mmm import MorphMouth
+from app.engine.models.pack_models import PackModels
+from app.engine.models.registry import DEFAULT, check_kinds
+from app.engine.models.sound import Sound
 from app.engine.modes import ModeMouth
-from app.engine.pack import MANIFEST, Manifest, Pack, check_files, load_pack
+from app.engine.pack import MANIFEST, MODELS, Manifest, Pack, check_files, load_pack
 from app.engine.threads import one_thread_a_call
 from app.engine.trajectory import Coefficients
 from app.errors import BadPack, NotFound
@@ -20,17 +23,38 @@ RENDERERS: dict[str, Callable[[Pack], Mouth]] = {
     "fast": lambda pack: ModeMouth(pack.modes, pack.background),
     "reference": lambda pack: MorphMouth(pack.morphable, pack.modes, pack.background),
 }
+USUAL = "fast"
+"""The renderer unless the settings, the pack or the caller name another."""
 
 
 class Avatar:
-    """One avatar. All methods may be called from several threads at once."""
+    """One avatar. All methods may be called from several threads at once.
 
-    def __init__(self, pack: Pack, renderer: str = "fast") -> None:
-        if renderer not in RENDERERS:
-            raise NotFound(f"there is no renderer {renderer!r}", advice=f"Known: {', '.join(RENDERERS)}.")
-        self.pack = pack
+    Args:
+        pack: whose.
+        renderer: of `RENDERERS`.
+        trajectory: name of the model it speaks with; if the pack has none of it, its Gaussians speak instead.
+
+    Attributes:
+        pack: as given.
+        renderer: name of what draws.
+        model: what moves the mouth.
+        excuse: why `model` is not the one that was wanted; empty if it is.
+        rest: (K,) the mouth at rest.
+    """
+
+    def __init__(self, pack: Pack, renderer: str = USUAL, trajectory: str = DEFAULT) -> None:
+        self._share(pack, renderer, PackModels(pack), _drawn_by(pack, renderer), trajectory)
+
+    def _share(
+        self, pack: Pack, renderer: str, models: PackModels, drawing: tuple[Mouth, Compositor], trajectory: str
+    ) -> None:
+        self.pack, self.renderer = pack, renderer
         self.rest: Coefficients = pack.trajectory.rest
-        self._compositor = Compositor(pack.background, RENDERERS[renderer](pack), self.rest)
+        self._models = models
+        self._mouth, self._compositor = drawing
+        chosen = models.preferred(trajectory)
+        self.model, self.excuse = chosen.model, chosen.excuse
 
     @property
     def manifest(self) -> Manifest:
@@ -42,9 +66,54 @@ class Avatar:
         """Where the pack lies, with its `idle.mp4` and `preview.jpg`."""
         return self.pack.folder
 
-    def trajectory(self, phones: Sequence[Phone], frames: int, *, before: Coefficients | None = None) -> Coefficients:
-        """(frames, K) mouth coefficients; see `GaussianTrajectory.predict`."""
-        return self.pack.trajectory.predict(phones, frames, before=before)
+    @property
+    def trajectories(self) -> tuple[str, ...]:
+        """Names of the models that it can speak with."""
+        return self._models.names()
+
+    def speaking_by(self, trajectory: str) -> Avatar:
+        """The same avatar, its mouth moved by another model; costs nothing.
+
+        Raises:
+            NotFound: the pack has none of this name; the advice says what it has.
+            BadPack, MissingExtra: it cannot be used.
+        """
+        self._models.get(trajectory)
+        other = object.__new__(Avatar)
+        other._share(self.pack, self.renderer, self._models, (self._mouth, self._compositor), trajectory)
+        return other
+
+    def drawn_by(self, renderer: str) -> Avatar:
+        """The same avatar with another renderer; takes a second and memory for its masks.
+
+        Raises:
+            NotFound: there is no such renderer.
+            BadPack: the pack lacks what it needs.
+        """
+        other = object.__new__(Avatar)
+        other._share(self.pack, renderer, self._models, _drawn_by(self.pack, renderer), self.model.name)
+        other.excuse = self.excuse
+        return other
+
+    def trajectory(
+        self,
+        phones: Sequence[Phone],
+        frames: int,
+        *,
+        before: Coefficients | None = None,
+        sound: Sound | None = None,
+        guessed: bool = False,
+    ) -> Coefficients:
+        """(frames, K) mouth coefficients; see `app.engine.models.model.TrajectoryModel.predict`.
+
+        Args:
+            phones, frames, before, sound: see there.
+            guessed: the phones were recognised in the sound: a model that can speak from the sound itself does.
+        """
+        if sound is not None and "sound" in self.model.inputs and (guessed or "phones" not in self.model.inputs):
+            phones = ()
+        rows = self.model.predict(phones, frames, before=before, sound=sound)
+        return self._mouth.plan(rows, before) if isinstance(self._mouth, Planner) else rows
 
     def render(self, coefficients: Coefficients | None, loop_frame: int, out: Picture) -> None:
         """Write one whole picture.
@@ -58,15 +127,29 @@ class Avatar:
         self._compositor.render(coefficients, loop_frame, out)
 
 
-def load_avatar(folder: Path, renderer: str = "fast") -> Avatar:
+def _drawn_by(pack: Pack, renderer: str) -> tuple[Mouth, Compositor]:
+    if renderer not in RENDERERS:
+        raise NotFound(f"there is no renderer {renderer!r}", field="renderer", advice=f"Known: {', '.join(RENDERERS)}.")
+    mouth = RENDERERS[renderer](pack)
+    return mouth, Compositor(pack.background, mouth, pack.trajectory.rest)
+
+
+def load_avatar(folder: Path, renderer: str = "", trajectory: str = "") -> Avatar:
     """Load a pack and make it ready.
+
+    Args:
+        folder: of the pack.
+        renderer, trajectory: empty: what the pack itself prefers, else the usual ones.
 
     Raises:
         BadPack: the pack is damaged.
         NotFound: no such renderer.
     """
     one_thread_a_call()
-    avatar = Avatar(load_pack(folder), renderer)
+    pack = load_pack(folder)
+    avatar = Avatar(
+        pack, renderer or pack.manifest.renderer or USUAL, trajectory or pack.manifest.trajectory or DEFAULT
+    )
     _warm_up(avatar)
     return avatar
 
@@ -83,12 +166,17 @@ class AvatarShelf:
     """The avatars of a folder, each loaded when it is first asked for and then kept.
 
     What was found wrong with a pack is remembered until one of its files changes.
+
+    Raises:
+        NotFound: there is no such trajectory model at all.
     """
 
-    def __init__(self, folder: Path, renderer: str = "fast", default: str = "mary") -> None:
-        self._folder, self._renderer, self.default = folder, renderer, default
+    def __init__(self, folder: Path, renderer: str = "", default: str = "mary", trajectory: str = "") -> None:
+        check_kinds([trajectory] if trajectory else [], field="engine.trajectory")
+        self._folder, self._renderer, self._trajectory, self.default = folder, renderer, trajectory, default
         self._checked: dict[str, tuple[_Stamp, Manifest | BadPack]] = {}
         self._loaded: dict[str, Avatar] = {}
+        self._drawn: dict[tuple[str, str], Avatar] = {}  # by other renderers than its usual one
         self._lock = threading.Lock()
 
     def ids(self) -> tuple[str, ...]:
@@ -124,23 +212,38 @@ class AvatarShelf:
         self.manifest(avatar)
         return self._folder / avatar
 
-    def get(self, avatar: str) -> Avatar:
+    def get(self, avatar: str, *, trajectory: str | None = None, renderer: str | None = None) -> Avatar:
         """The avatar, loaded if need be.
 
+        Args:
+            avatar: its name.
+            trajectory: what moves its mouth; None: what the settings say, else the pack, else its Gaussians.
+            renderer: what draws it; None: what the settings say, else the pack, else the usual one.
+
         Raises:
-            NotFound: there is no such pack.
+            NotFound: there is no such pack, or it cannot be spoken or drawn with so; the advice says what there is.
             BadPack: it is damaged.
         """
         self.manifest(avatar)
         with self._lock:
-            if avatar not in self._loaded:
-                stamp = _stamp(self._folder / avatar)
-                try:
-                    self._loaded[avatar] = load_avatar(self._folder / avatar, self._renderer)
-                except BadPack as error:
-                    self._checked[avatar] = (stamp, error)
-                    raise
-            return self._loaded[avatar]
+            found = self._usual(avatar)
+            if renderer is not None and renderer != found.renderer:
+                if (avatar, renderer) not in self._drawn:
+                    self._drawn[avatar, renderer] = found.drawn_by(renderer)
+                found = self._drawn[avatar, renderer]
+        if trajectory is None or (trajectory == found.model.name and not found.excuse):
+            return found
+        return found.speaking_by(trajectory)
+
+    def _usual(self, avatar: str) -> Avatar:
+        if avatar not in self._loaded:
+            stamp = _stamp(self._folder / avatar)
+            try:
+                self._loaded[avatar] = load_avatar(self._folder / avatar, self._renderer, self._trajectory)
+            except BadPack as error:
+                self._checked[avatar] = (stamp, error)
+                raise
+        return self._loaded[avatar]
 
     def _verdict(self, avatar: str) -> Manifest | BadPack:
         folder = self._folder / avatar
@@ -164,5 +267,5 @@ _Stamp = tuple[tuple[str, int, int], ...]
 
 def _stamp(folder: Path) -> _Stamp:
     """What changes when a file of the pack does: names, times and sizes."""
-    found = ((path.name, path.lstat()) for path in sorted(folder.iterdir()))
+    found = ((path.name, path.lstat()) for path in (*sorted(folder.iterdir()), *sorted(folder.glob(f"{MODELS}/*"))))
     return tuple((name, status.st_mtime_ns, status.st_size) for name, status in found)

@@ -15,7 +15,7 @@ from __future__ import annotations
 import threading
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol, cast
+from typing import Protocol, cast, runtime_checkable
 
 import cv2
 import numpy as np
@@ -138,6 +138,22 @@ class Mouth(Protocol):
 
     def draw(self, coefficients: Float, index: int, out: Planes) -> None:
         """Fill `out`, of the background's region; only where the mask is above zero does it matter."""
+
+
+@runtime_checkable
+class Planner(Protocol):
+    """A `Mouth` that looks at whole trajectories before it draws: one that shows samples of the recording, say."""
+
+    def plan(self, rows: Float, before: Float | None) -> Float:
+        """What it will draw for a trajectory, as coefficients again.
+
+        Args:
+            rows: (T, K) that a trajectory model gave.
+            before: (b, K) of the frames in front, planned ones.
+
+        Returns:
+            (T, K), float32; `draw` knows each of these rows again.
+        """
 
 
 _BASE_SCALE = np.float32(64)

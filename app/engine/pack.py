@@ -5,6 +5,7 @@
     loop.mkv        the background loop and, last, the recording's rest pose; lossless
     idle.mp4        the same loop for browsers
     preview.jpg
+    models/*.npz    further trajectory models and what further renderers need, if there are any
 
 The loop is a lossless H.264 clip, a tenth of its raw size.
 """
@@ -14,6 +15,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -35,6 +37,9 @@ FORMAT = 1
 MODEL, LOOP, IDLE, PREVIEW = "model.npz", "loop.mkv", "idle.mp4", "preview.jpg"
 MANIFEST = "manifest.json"
 FILES = (MODEL, LOOP, IDLE, PREVIEW)
+MODELS = "models"
+EXTRA = re.compile(rf"{MODELS}/([a-z0-9][a-z0-9-]{{0,63}})\.npz")
+"""Files that a pack may have besides."""
 FPS = 25
 """Frames a second of every avatar: sound and picture of all streams share one clock."""
 Half = NDArray[np.float16]
@@ -69,6 +74,16 @@ class Manifest(BaseModel):
     files: dict[str, str]
     trained_on: tuple[str, ...] = ()
     """SHA-256 of the videos that were learnt from: what is measured on others is an open test."""
+    trajectory: str = ""
+    """The trajectory model that it speaks with unless another is asked for; empty: the one in `model.npz`."""
+    renderer: str = ""
+    """And what draws it; empty: the usual renderer."""
+
+    @property
+    def extras(self) -> tuple[str, ...]:
+        """Names of the files in `models/`, without ending, in order."""
+        matches = (EXTRA.fullmatch(name) for name in sorted(self.files))
+        return tuple(match[1] for match in matches if match)
 
 
 @dataclass(frozen=True)
@@ -109,11 +124,12 @@ def check_files(folder: Path) -> Manifest:
         BadPack: see `load_pack`.
     """
     manifest = load_manifest(folder)
-    if set(manifest.files) != set(FILES):
+    others = [name for name in manifest.files if name not in FILES and not EXTRA.fullmatch(name)]
+    if others or not set(FILES) <= set(manifest.files):
         raise BadPack(f"{folder}/manifest.json lists {sorted(manifest.files)}, a pack has {sorted(FILES)}")
     for name, expected in manifest.files.items():
         path = folder / name
-        if path.is_symlink() or not path.is_file():
+        if path.is_symlink() or not path.is_file() or (folder / MODELS).is_symlink():
             raise BadPack(f"{path} is missing or no plain file", advice="Restore the pack from where it came.")
         if digest(path) != expected:
             raise BadPack(f"{path} is damaged: its checksum differs", advice="Restore the pack from where it came.")
@@ -163,7 +179,8 @@ def save_model(
 
 def checksums(folder: Path) -> dict[str, str]:
     """SHA-256 of every file of a pack, for its manifest."""
-    return {name: digest(folder / name) for name in FILES}
+    extras = (f"{MODELS}/{path.name}" for path in sorted((folder / MODELS).glob("*.npz")))
+    return {name: digest(folder / name) for name in (*FILES, *extras)}
 
 
 def write_manifest(folder: Path, manifest: Manifest) -> None:

@@ -33,6 +33,9 @@ class Shot(Protocol):
     timings: UtteranceTimings
     recording: Recording | None
 
+    @property
+    def face(self) -> Renderer | None: ...
+
 
 class Film:
     """The callables of a stream's lane in the frame pool.
@@ -61,7 +64,8 @@ class Film:
         """The picture of a job whose payload is a `Look`: I420, shape (height * 3 // 2, width), uint8."""
         look: Look[Shot] = job.payload
         picture = np.empty((self._encoder.height * 3 // 2, self._encoder.width), np.uint8)
-        self._renderer.render(look.coefficients, look.loop_frame, picture)
+        renderer = (look.owner.face if look.owner is not None else None) or self._renderer
+        renderer.render(look.coefficients, look.loop_frame, picture)
         if look.owner is not None:
             look.owner.timings.mark("first_frame")
         return picture

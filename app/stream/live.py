@@ -44,6 +44,8 @@ class StreamReport:
     id: str
     state: StreamState
     avatar: str
+    trajectory: str
+    renderer: str
     voice: str
     viewers: dict[str, int]
     pushes: tuple[PushReport, ...]
@@ -100,7 +102,7 @@ class LiveStream:
         self.ended_at: float | None = None
         self._narrator = narrator
         self._latency = latency
-        self._avatar_id = avatar.manifest.id
+        self._looks = (avatar.manifest.id, avatar.model.name, avatar.renderer)
         self._frames = (0, 0)  # rendered and dropped, at the end
         self._pushes: tuple[PushReport, ...] = ()  # at the end
         self._said = Utterances()
@@ -151,6 +153,7 @@ class LiveStream:
         interrupt: bool = False,
         reading: Reading | None = None,
         phase: IdlePhase | None = None,
+        face: Avatar | None = None,
     ) -> Utterance:
         """Queue a text; returns at once, the work happens in the background.
 
@@ -159,6 +162,7 @@ class LiveStream:
             interrupt: cut short what is being said and forget what is queued.
             reading: how; by default with the stream's voice.
             phase: where the page's idle clip is, if it shows one.
+            face: the avatar as it is to say this, moved or drawn by something else than usual.
 
         Raises:
             Gone: the stream has ended.
@@ -168,24 +172,30 @@ class LiveStream:
         self._living()
         reading = reading or Reading()
         script = self._narrator(text, replace(reading, voice=reading.voice or self.voice))
-        return self.speak(script, len(text), interrupt=interrupt, phase=phase)
+        return self.speak(script, len(text), interrupt=interrupt, phase=phase, face=face)
 
     def speak(
-        self, script: Script, characters: int, *, interrupt: bool = False, phase: IdlePhase | None = None
+        self,
+        script: Script,
+        characters: int,
+        *,
+        interrupt: bool = False,
+        phase: IdlePhase | None = None,
+        face: Avatar | None = None,
     ) -> Utterance:
         """Queue speech, however it is made; returns at once, the work happens in the background.
 
         Args:
             script: the speech, which may still be in the making.
             characters: length of its text, as far as it is known.
-            interrupt, phase: as in `say`.
+            interrupt, phase, face: as in `say`.
 
         Raises:
             Gone: the stream has ended.
             OverCapacity: too much is queued.
         """
         production = self._living()
-        utterance = Utterance(characters, script.unread, script.guessed, phase)
+        utterance = Utterance(characters, script.unread, script.guessed, phase, face=face)
         production.say(script, utterance, interrupt=interrupt)
         self._latency.add(LoggedUtterance(self.id, utterance.id, utterance.characters, utterance.timings))
         return utterance
@@ -301,7 +311,7 @@ class LiveStream:
         return StreamReport(
             self.id,
             self.state,
-            self._avatar_id,
+            *self._looks,
             self.voice,
             production.audience.count()
             if production is not None

@@ -15,6 +15,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from app.engine.models.sound import Sound
 from app.speech import SILENCE, Mark, Phone, Speech, Word
 from app.stream.clock import FPS, FRAME_SAMPLES, SAMPLE_RATE, first_frame_at
 from app.stream.soundtrack import Samples, resample
@@ -29,6 +30,9 @@ JOIN_FRAMES = 5
 HISTORY_FRAMES = 8
 """Frames before a piece that its trajectory is continued from."""
 
+HEARD_SECONDS = 0.5
+"""Of sound before a piece that its trajectory model hears, too."""
+
 Coefficients = NDArray[np.float32]
 
 
@@ -39,7 +43,13 @@ class Articulator(Protocol):
     def rest(self) -> Coefficients: ...
 
     def trajectory(
-        self, phones: Sequence[Phone], frames: int, *, before: Coefficients | None = None
+        self,
+        phones: Sequence[Phone],
+        frames: int,
+        *,
+        before: Coefficients | None = None,
+        sound: Sound | None = None,
+        guessed: bool = False,
     ) -> Coefficients: ...
 
 
@@ -79,6 +89,7 @@ def pieces(
     """
     elapsed = Fraction(0)  # seconds; exact, so that nothing adds up
     before = np.repeat(articulator.rest[None], HISTORY_FRAMES, axis=0)
+    heard: Sound | None = None
     end = 0
     for speech in speeches:
         if speech is None:
@@ -92,9 +103,10 @@ def pieces(
         rows = before[:0]
         if frames:
             offset = (first * FRAME_SAMPLES - start) / SAMPLE_RATE
-            rows = _trajectory(articulator, speech, offset, frames, before)
+            rows = _trajectory(articulator, speech, offset, frames, before, _after(heard, speech, offset))
         follows = before[-1]
         before = np.concatenate([before, rows])[-HISTORY_FRAMES:]
+        heard = _end_of(speech, heard)
         mark("trajectory")
         samples = resample(speech.samples, speech.rate, end - start)
         yield Piece(start, samples, first, rows, follows, *_since_start(speech, start / SAMPLE_RATE))
@@ -150,14 +162,38 @@ def _since_start(speech: Speech, start: float) -> tuple[tuple[Phone, ...], tuple
 
 
 def _trajectory(
-    articulator: Articulator, speech: Speech, offset: float, frames: int, before: Coefficients
+    articulator: Articulator, speech: Speech, offset: float, frames: int, before: Coefficients, sound: Sound
 ) -> Coefficients:
     """Mouths of the frames of one piece, the first of them `offset` seconds after its first sample."""
     if not speech.around:
-        return articulator.trajectory(_later(speech.phones, offset), frames, before=before)
+        phones = _later(speech.phones, offset)
+        return articulator.trajectory(phones, frames, before=before, sound=sound, guessed=speech.guessed)
     phones = [Phone(phone.symbol, phone.start - offset, phone.end - offset) for phone in speech.around]
     known = max(0, math.ceil((phones[-1].end - frames / FPS) * FPS))  # frames after the piece draw the mouth already
-    return articulator.trajectory(phones, frames + min(known, AFTER_FRAMES), before=before)[:frames]
+    more = frames + min(known, AFTER_FRAMES)
+    return articulator.trajectory(phones, more, before=before, sound=sound, guessed=speech.guessed)[:frames]
+
+
+def _after(heard: Sound | None, speech: Speech, offset: float) -> Sound:
+    """The sound of a piece with what was heard before it and what is known to follow.
+
+    Live sound is cut in the middle of words, and what a model hears reaches over the cuts.
+
+    Args:
+        heard: of the piece before.
+        speech: the piece.
+        offset: seconds from its first sample to frame 0.
+    """
+    known = speech.samples if speech.ahead is None else np.concatenate([speech.samples, speech.ahead])
+    if heard is None or heard.rate != speech.rate:
+        return Sound(known, speech.rate, -offset)
+    return Sound(np.concatenate([heard.samples, known]), speech.rate, -offset - len(heard.samples) / speech.rate)
+
+
+def _end_of(speech: Speech, heard: Sound | None) -> Sound:
+    """The last `HEARD_SECONDS` of what has been heard."""
+    before = heard.samples if heard is not None and heard.rate == speech.rate else speech.samples[:0]
+    return Sound(np.concatenate([before, speech.samples])[-round(HEARD_SECONDS * speech.rate) :], speech.rate)
 
 
 def _later(phones: Sequence[Phone], offset: float) -> list[Phone]:

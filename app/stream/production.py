@@ -175,7 +175,7 @@ class Production:
         if interrupt:
             self.program.interrupt(time.monotonic())
         self.program.check_room()
-        avatar = self.avatar
+        avatar = utterance.face or self.avatar
         utterance.make = lambda: pieces(avatar, script.speeches, utterance.timings.mark)
         if self.audience.present:
             utterance.timings.mark("viewer")

@@ -7,7 +7,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from app.errors import MaryError
 from app.speech import Speech
@@ -17,6 +17,9 @@ from app.stream.pieces import Piece
 from app.stream.recording import Recording
 from app.stream.timeline import IdlePhase
 from app.stream.timing import Stage, UtteranceTimings
+
+if TYPE_CHECKING:
+    from app.engine.avatar import Avatar
 
 UtteranceState = Literal["queued", "speaking", "done", "interrupted", "failed"]
 
@@ -98,6 +101,7 @@ class Utterance:
         received: when it was asked for, seconds on the monotonic clock.
         narration: makes its pieces, once its turn has come.
         make: what the narration runs.
+        face: draws it; None: the stream's avatar as it is.
         last: the frame after those placed so far.
         base: the frame its pieces count from: `start` and all delays since.
         ready: pieces made and not placed, at most `PIECES_AHEAD`.
@@ -118,6 +122,7 @@ class Utterance:
     received: float = field(default_factory=time.monotonic)
     narration: Narration | None = None
     make: Callable[[], Iterator[Piece | None]] = field(default=_nothing)
+    face: Avatar | None = None
     last: int = 0
     base: int = 0
     ready: deque[Piece] = field(default_factory=deque)

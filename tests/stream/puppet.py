@@ -5,15 +5,18 @@ from __future__ import annotations
 import asyncio
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import av
 import numpy as np
 from numpy.typing import NDArray
 
+from app.engine.models.sound import Sound
 from app.errors import NothingToSay
 from app.speech import SILENCE, Phone, Speech
 from app.stream.utterance import Reading, Script
@@ -45,11 +48,24 @@ class TinyAvatar:
     folder: Path = Path()
     rest: NDArray[np.float32] = field(default_factory=lambda: np.array([0, 1], np.float32))
     befores: list[NDArray[np.float32]] = field(default_factory=list)
+    sounds: deque[Sound] = field(default_factory=lambda: deque(maxlen=16))
+    guessed: deque[bool] = field(default_factory=lambda: deque(maxlen=16))
     delay: float = 0.0
+    renderer: str = "puppet"
+    model: SimpleNamespace = field(default_factory=lambda: SimpleNamespace(name="puppet"))
 
     def trajectory(
-        self, phones: Sequence[Phone], frames: int, *, before: NDArray[np.float32] | None = None
+        self,
+        phones: Sequence[Phone],
+        frames: int,
+        *,
+        before: NDArray[np.float32] | None = None,
+        sound: Sound | None = None,
+        guessed: bool = False,
     ) -> NDArray[np.float32]:
+        assert sound is not None
+        self.sounds.append(sound)
+        self.guessed.append(guessed)
         assert before is not None
         assert before.shape == (8, 2)
         self.befores.append(before)

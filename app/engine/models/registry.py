@@ -38,12 +38,12 @@ def kind(name: str) -> Kind:
     return KINDS.create(name)
 
 
-def check_kinds(names: Sequence[str]) -> None:
+def check_kinds(names: Sequence[str], *, field: str = "models") -> None:
     """Raise `NotFound` unless all of these are kinds."""
     for name in names:
         if name not in KINDS.names():
             raise NotFound(
-                f"there is no trajectory model {name!r}", field="models", advice=f"Known: {', '.join(KINDS.names())}."
+                f"there is no trajectory model {name!r}", field=field, advice=f"Known: {', '.join(KINDS.names())}."
             )
 
 
