@@ -317,6 +317,9 @@ def train(
         str,
         typer.Option(help="Clips (of a single video: numbers of sentences) not to learn from, a,b: for open tests."),
     ] = "",
+    models: Annotated[
+        str, typer.Option(help="Trajectory models to train besides gaussian, a,b (see docs/models.md).")
+    ] = "",
     aligner: Annotated[str, typer.Option(help="Finds when the phones sound.")] = "pocketsphinx",
     seed: Annotated[int, typer.Option(help="Same seed, same avatar.")] = 0,
     workers: Annotated[int, typer.Option(min=0, help="Processes; 0: one a core.")] = 0,
@@ -326,7 +329,7 @@ def train(
 
     run(
         videos, transcripts or [], output, Asked(identity, title, voice, licence, subject, consent),
-        background=background, leave_out=[name.strip() for name in leave_out.split(",") if name.strip()],
+        background=background, leave_out=_listed(leave_out), models=_listed(models),
         aligner=aligner, seed=seed, workers=workers, out=_out, err=_err,
     )  # fmt: skip
 
@@ -386,6 +389,11 @@ def align_server(
 
     logs.configure()
     run(aligner, settings.align.aligners.get(aligner, {}), host=host, port=port, workers=workers, out=_out)
+
+
+def _listed(names: str) -> list[str]:
+    """Names with commas between them."""
+    return [name.strip() for name in names.split(",") if name.strip()]
 
 
 def _avatar_folder(avatar: str, settings: Settings) -> Path:

@@ -124,10 +124,14 @@ class Service:
         """
         wanted = partial(self.shelf.get, trajectory=trajectory, renderer=renderer)
         avatar = await self._from_shelf(wanted, self.shelf.default if name is None else name)
+        self._tell_excuse(avatar)
+        return avatar
+
+    def _tell_excuse(self, avatar: Avatar) -> None:
+        """Once for each avatar, that it does not speak by the model that the settings or its pack name."""
         if avatar.excuse and avatar.manifest.id not in self._excused:
             self._excused.add(avatar.manifest.id)
             _log.warning("another trajectory model speaks", avatar=avatar.manifest.id, detail=avatar.excuse)
-        return avatar
 
     async def face(self, avatar: Avatar, trajectory: str | None, renderer: str | None) -> Avatar | None:
         """An avatar that is there already, as one utterance wants it; None if it wants nothing.
@@ -208,7 +212,7 @@ class Service:
             self.voicebox = await in_thread(voicebox, settings.speech, settings.align, self.aligners)
             check_configured(self.engine, settings.speech.voice)
             self.listening.check()
-            await self.avatar(None)
+            self._tell_excuse(await in_thread(self.shelf.get, self.shelf.default))
             await in_thread(self.engine.warm_up)
             await in_thread(plan, "Hello.")  # loads the dictionary
             self.pool = OrderedPool(settings.engine.workers or len(os.sched_getaffinity(0)))

@@ -6,8 +6,10 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from app.align.align_clips import Aligned, align_clips
+from app.align.clip_sound import read_clip_sound
 from app.align.clips import Clip
 from app.align.registry import create
+from app.engine.models.sound import Sound
 from app.engine.training.take import Take
 from app.engine.training.workers import cores
 from app.errors import InputError
@@ -44,3 +46,13 @@ def spoken_takes(
         more = f" (and {len(aligned.refused) - 1} more clips)" if len(aligned.refused) > 1 else ""
         raise InputError(f"{first.clip.name}: {first.reason}{more}", advice=first.advice)
     return [Take(each.clip.name, each.clip.video, each.phones) for each in aligned.spoken], aligned
+
+
+def hear(take: Take) -> Sound:
+    """The sound of a take, on the clock of its picture.
+
+    Raises:
+        InputError: it has none that can be read.
+    """
+    sound = read_clip_sound(take.video)
+    return Sound(sound.samples, sound.rate)

@@ -18,7 +18,8 @@ from app.align.agreement import agreement
 from app.align.align_clips import Aligned
 from app.align.clips import find_clips
 from app.commands.long_work import LongWork, shown
-from app.commands.takes import spoken_takes
+from app.commands.takes import hear, spoken_takes
+from app.engine.models.registry import check_kinds
 from app.engine.pack import Manifest, Pack
 from app.engine.training.identity import Identity, read_identity
 from app.engine.training.report.page import write_report
@@ -29,9 +30,9 @@ from app.errors import InputError, TrainingFailed
 STEPS = {
     "listening": 16.0, "finding the face": 6.0, "following the face": 32.0, "cutting out the mouth": 10.0,
     "components": 4.0, "landmarks": 2.0, "flow": 26.0, "modes": 5.0, "textures": 1.5, "analysis": 6.0,
-    "trajectories": 26.0, "background": 2.0, "writing": 3.0, "report": 12.0,
+    "trajectories": 26.0, "background": 2.0, "writing": 3.0, "further models": 60.0, "report": 12.0,
 }  # fmt: skip
-"""Seconds of each step for 250 clips of three seconds on two cores: what the time left is told by."""
+"""Seconds of each step for 250 clips of three seconds on two cores (and of each further model): for the time left."""
 IDENTITY = "avatar.json"
 
 
@@ -55,6 +56,7 @@ def run(
     *,
     background: Path | None,
     leave_out: Sequence[str],
+    models: Sequence[str],
     aligner: str,
     seed: int,
     workers: int,
@@ -65,6 +67,7 @@ def run(
 
     Raises:
         InputError: the videos, transcripts or the output's name cannot be used.
+        NotFound: there is no such trajectory model.
         TrainingFailed: no consent, or nothing can be learnt from the recording; says why.
     """
     if not re.fullmatch(r"[a-z0-9][a-z0-9_-]{0,63}", output.name):
@@ -74,13 +77,14 @@ def run(
         )  # fmt: skip
     if background is not None and not background.is_file():
         raise InputError(f"{background} is no video", field="background")
+    check_kinds(models)
     clips = find_clips(inputs, transcripts)  # what is missing is said before anybody is asked anything
     _check_left_out(leave_out, [clip.name for clip in clips])
     workspace = workspace_of(output)
     identity = _identity(asked, output, workspace, err)
     refused: list[Refusal] = []
     used: list[str] = []
-    with _alone(_made(workspace)), _resumable(err), shown(err, LongWork(STEPS)) as work:
+    with _alone(_made(workspace)), _resumable(err), shown(err, LongWork(_steps(models))) as work:
         takes, aligned = spoken_takes(
             clips, aligner=aligner, cache=workspace / "alignments", workers=workers,
             progress=lambda share: work.tell("listening", share),
@@ -97,13 +101,17 @@ def run(
 
         takes, sentences = _left_out(leave_out, takes)
         manifest = train(
-            takes, identity, output, background=background, leave_out=sentences, seed=seed,
+            takes, identity, output, background=background, leave_out=sentences, models=models, hear=hear, seed=seed,
             workers=workers, progress=work.tell, extras=extras,
         )  # fmt: skip
     for broken in refused:
         err.print(Text(f"not used: {broken.take}: {broken.reason}"), soft_wrap=True)
     _summary(manifest, aligned, len(used), output, out)
     return manifest
+
+
+def _steps(models: Sequence[str]) -> dict[str, float]:
+    return {**STEPS, "further models": STEPS["further models"] * len(models)}
 
 
 def _left_out(leave_out: Sequence[str], takes: Sequence[Take]) -> tuple[list[Take], list[int]]:

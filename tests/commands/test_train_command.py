@@ -35,7 +35,14 @@ AGREED = Asked(None, "", "heart", "", "a test", "agreed for a test")
 
 def train(inputs: list[Path], output: Path, asked: Asked, **changed: object) -> tuple[str, str]:
     out, err = io.StringIO(), io.StringIO()
-    options = {"background": None, "leave_out": [], "aligner": "pocketsphinx", "seed": 0, "workers": 0} | changed
+    options = {
+        "background": None,
+        "leave_out": [],
+        "models": [],
+        "aligner": "pocketsphinx",
+        "seed": 0,
+        "workers": 0,
+    } | changed
     run(inputs, [], output, asked, **options, out=Console(file=out, width=200), err=Console(file=err, width=200))  # type: ignore[arg-type]
     return out.getvalue(), err.getvalue()
 

@@ -62,7 +62,7 @@ class PhoneMeanKind:
     name = "phone-mean"
     version = 1
     hears = False
-    least = 1.0
+    least = 0.5
 
     def fit(
         self, spoken: Sequence[Spoken], rest: Float, *, fps: float, seed: int, progress: Callable[[float], None]

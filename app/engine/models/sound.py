@@ -47,6 +47,10 @@ class Sound:
         resampled: Float = soxr.resample(self.samples, self.rate, RATE).astype(np.float32)
         return resampled
 
+    def moved(self, by: float) -> Sound:
+        """The same for a clock that begins `by` seconds later."""
+        return Sound(self.samples, self.rate, self.start - by)
+
     def frames(self, count: int, fps: float) -> Float:
         """(count, 20) MFCC, one vector a frame: frame n hears 1 / fps seconds around n / fps."""
         return mfcc(self.heard, np.arange(count) / np.float64(fps) - self.start, window=1 / fps)

@@ -11,6 +11,7 @@ from pathlib import Path
 import cv2
 
 from app.engine.frame import to_rgb
+from app.engine.models.registry import check_kinds
 from app.engine.modes import ModeMouth
 from app.engine.pack import (
     FILES,
@@ -19,6 +20,7 @@ from app.engine.pack import (
     LOOP,
     MANIFEST,
     MODEL,
+    MODELS,
     PREVIEW,
     Manifest,
     Pack,
@@ -35,6 +37,7 @@ from app.engine.training.articulation import Articulation, learn_articulation, s
 from app.engine.training.background_loop import LoopPicture, bake_loop, crop_warp, loop_pictures
 from app.engine.training.corpus import Corpus, Progress, gather, without
 from app.engine.training.footage import shots
+from app.engine.training.further_models import Hear, heard_passages, train_further
 from app.engine.training.identity import Identity
 from app.engine.training.layout import Layout
 from app.engine.training.registration import UNCORRECTED
@@ -112,6 +115,8 @@ def train(
     *,
     background: Path | None = None,
     leave_out: Collection[int] = (),
+    models: Sequence[str] = (),
+    hear: Hear | None = None,
     seed: int = 0,
     workers: int = 0,
     progress: Progress = silent_progress,
@@ -126,13 +131,17 @@ def train(
         background: a video of the same head moving, mouth at rest, whose last picture is followed by its first; without
             one, the loop is joined from stretches of the takes.
         leave_out, seed, workers: see `learn`.
+        models: trajectory models to train besides the Gaussians, by name.
+        hear: gives the sound of takes, which some of these need.
         progress: see `Progress`.
         extras: called with what was learnt, the finished pack and its folder: writes what belongs beside it.
 
     Raises:
+        NotFound, MissingExtra: one of `models`.
         TrainingFailed: the takes cannot be learnt from.
         TrainingStopped: the output cannot be written, or a process was killed.
     """
+    check_kinds(models)
     workspace = Workspace(workspace_of(output))
     learnt = learn(
         takes, workspace, leave_out=leave_out, seed=seed, workers=workers,
@@ -153,6 +162,9 @@ def train(
         raise _unwritten(output, error) from error
     try:
         save_model(draft / MODEL, modes, appearance.morphable, learnt.articulation.model, baked)
+        if models:
+            spoken = heard_passages(corpus, appearance.coefficients, appearance.rest, hear)
+            train_further(models, spoken, appearance.rest, draft, workspace, seed=seed, progress=progress)
         write_loop(draft / LOOP, baked.pictures, FPS)
         write_idle(draft / IDLE, baked.pictures[:-1], FPS)
         preview = to_rgb(baked.pictures[0])[..., ::-1]
@@ -255,8 +267,12 @@ def _digests(corpus: Corpus) -> Iterator[str]:
 
 
 def _replace(draft: Path, output: Path) -> None:
-    """Move a finished pack to where it belongs, its manifest last; other files of the folder stay."""
+    """Move a finished pack to where it belongs, its manifest last; other files of the folder stay.
+
+    Models of an earlier training go: they were trained for its mouths.
+    """
     output.mkdir(exist_ok=True)
+    shutil.rmtree(output / MODELS, ignore_errors=True)
     others = [path.name for path in draft.iterdir() if path.name not in (*FILES, MANIFEST)]
     for name in (*others, *FILES, MANIFEST):
         (draft / name).replace(output / name)

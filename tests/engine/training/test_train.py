@@ -18,10 +18,12 @@ from tiny_pack import write_tiny
 from app.engine.avatar import load_avatar
 from app.engine.background import STILL
 from app.engine.frame import planes
+from app.engine.models.registry import fit
 from app.engine.pack import FILES, MANIFEST, MODEL, Pack, load_pack
 from app.engine.training import articulation
 from app.engine.training import train as module
 from app.engine.training.corpus import Corpus
+from app.engine.training.further_models import heard_passages
 from app.engine.training.identity import Identity, read_identity
 from app.engine.training.take import Take
 from app.engine.training.train import Learnt, learn, train, workspace_of
@@ -29,7 +31,8 @@ from app.engine.training.workspace import Workspace
 from app.errors import TrainingFailed, TrainingStopped
 from app.speech import SILENCE, Phone
 
-AGAIN = {"finding the face", "trajectories", "background", "writing"}
+MODELS = ("phone-mean", "gaussian")
+AGAIN = {"finding the face", "trajectories", "background", "writing", "further models"}
 """Steps that are quick, and not kept."""
 
 
@@ -51,7 +54,7 @@ def identity() -> Identity:
 
 
 def contents(folder: Path) -> dict[str, bytes]:
-    return {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
+    return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
 
 
 @dataclass
@@ -101,7 +104,15 @@ def interrupted(takes: list[Take], identity: Identity, tmp_path_factory: pytest.
             shutil.copytree(workspace_of(output), kept)
         found.told.append(told)
         try:
-            train(takes, identity, output, workers=1, progress=stop, extras=lambda learnt, *_: seen.append(learnt))
+            train(
+                takes,
+                identity,
+                output,
+                models=MODELS,
+                workers=1,
+                progress=stop,
+                extras=lambda learnt, *_: seen.append(learnt),
+            )
             break
         except KeyboardInterrupt:
             found.untouched.append(contents(output) == before)
@@ -115,7 +126,7 @@ def interrupted(takes: list[Take], identity: Identity, tmp_path_factory: pytest.
 def test_an_interrupted_training_leaves_the_old_pack_and_nothing_half_written(interrupted: Interruptions) -> None:
     assert interrupted.steps == [
         "finding the face", "following the face", "cutting out the mouth", "components", "landmarks", "flow", "modes",
-        "textures", "analysis", "trajectories", "background", "writing",
+        "textures", "analysis", "trajectories", "background", "writing", "further models",
     ]  # fmt: skip
     assert all(interrupted.untouched)
     for names in interrupted.beside:
@@ -138,7 +149,7 @@ def test_in_the_end_the_new_pack_replaces_the_old_and_other_files_stay(
     interrupted: Interruptions, identity: Identity, takes: list[Take]
 ) -> None:
     assert {path.name for path in interrupted.pack.parent.iterdir()} == {"mary"}
-    assert {path.name for path in interrupted.pack.iterdir()} == {*FILES, MANIFEST, "README.md"}
+    assert {path.name for path in interrupted.pack.iterdir()} == {*FILES, MANIFEST, "README.md", "models"}
     pack = load_pack(interrupted.pack)
     for name, said in identity.model_dump().items():
         assert pack.manifest.model_dump()[name] == said
@@ -152,10 +163,20 @@ def test_in_the_end_the_new_pack_replaces_the_old_and_other_files_stay(
 def test_the_same_bytes_whatever_the_number_of_workers_and_interruptions(
     interrupted: Interruptions, identity: Identity, takes: list[Take], tmp_path: Path
 ) -> None:
-    train(takes, identity, tmp_path / "mary", workers=2)
+    train(takes, identity, tmp_path / "mary", models=MODELS, workers=2)
     first, again = contents(interrupted.pack), contents(tmp_path / "mary")
-    for name in (*FILES, MANIFEST):
+    for name in (*FILES, "models/phone-mean.npz", MANIFEST):
         assert first[name] == again[name], name
+
+
+def test_further_models_are_trained_on_the_same_passages(interrupted: Interruptions) -> None:
+    avatar = load_avatar(interrupted.pack)
+    assert avatar.trajectories == ("gaussian", "phone-mean")
+    learnt = interrupted.learnt
+    spoken = heard_passages(learnt.corpus, learnt.appearance.coefficients, learnt.appearance.rest, None)
+    own = fit("phone-mean", spoken, learnt.appearance.rest, fps=25)
+    phones = spoken[0].phones
+    assert np.array_equal(avatar.speaking_by("phone-mean").trajectory(phones, 40), own.predict(phones, 40))
 
 
 def test_the_trained_avatar_shows_what_was_recorded(interrupted: Interruptions) -> None:
