@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from app.align.aligner import DOUBTFUL
-from app.align.listen import LONGEST_PIECE, OUT_RATE, align_recording, cut, recognise_recording
+from app.align.listen import AROUND, LONGEST_PIECE, OUT_RATE, align_recording, cut, recognise_recording
 from app.align.mock import MockAligner
 from app.align.mock_recogniser import MockRecogniser
 from app.align.pocketsphinx import PocketSphinxAligner
@@ -30,6 +30,8 @@ def test_without_a_text_phones_are_heard() -> None:
     assert {phone.symbol for phone in listened.speech.phones} >= {"AA", "M"}
     assert listened.confidence is None
     assert not listened.doubtful
+    assert [piece.guessed for piece in cut(listened.speech)] == [True]
+    assert not align_recording(hum(1.0), 16_000, "hello you", MockAligner()).speech.guessed
 
 
 def test_another_text_is_doubtful_and_refused_when_strict(
@@ -76,6 +78,10 @@ def test_cut_speech_is_the_whole_of_it(lengths: list[tuple[float, bool]], rate: 
         assert piece.phones[-1].end == pytest.approx(piece.duration)
         assert piece.around[0].start <= 0
         assert piece.around[-1].end >= piece.duration - 1e-6
+        end = round((at + piece.duration) * rate)
+        assert piece.ahead is not None
+        assert len(piece.ahead) == min(round(AROUND * rate), len(samples) - end)
+        np.testing.assert_array_equal(piece.ahead, samples[end : end + len(piece.ahead)])
         for word in piece.words:
             assert at + word.start == pytest.approx(words[int(word.text)].start)
         at += piece.duration

@@ -137,6 +137,18 @@ def test_a_piece_knows_what_is_around_it() -> None:
         assert touching.symbol == last.symbol or touching.end == pytest.approx(0, abs=1e-6)
 
 
+def test_a_piece_knows_what_sounds_after_it() -> None:
+    taken, _ = push(live(), tone(3.0))
+    whole, at = joined(taken)[0], 0
+    for piece in taken:
+        at += len(piece.samples)
+        assert piece.guessed
+        assert piece.ahead is not None
+        assert np.array_equal(piece.ahead, whole[at : at + len(piece.ahead)])
+    assert np.mean([len(piece.ahead) for piece in taken[:-1]]) > 0.15 * OUT_RATE  # type: ignore[arg-type]
+    assert len(taken[-1].ahead) == 0  # type: ignore[arg-type]
+
+
 def test_flush_speaks_what_is_there_and_goes_on() -> None:
     sound = live()
     speeches = sound.speeches()

@@ -45,6 +45,7 @@ def test_a_new_stream_says_where_everything_is(server: str, curl) -> None:
     }
     assert made["pushes"] == []
     assert made["avatar"] == "mary"
+    assert (made["trajectory"], made["renderer"]) == ("gaussian", "fast")
     assert made["voice"]
     assert made["utterance"]["unread"] == ["🙂"]
     assert made["idle"]["url"] == "/v1/avatars/mary/idle.mp4"
@@ -76,6 +77,8 @@ def test_without_a_text_it_idles(server: str, curl) -> None:
         ({"text": "Hello.", "speed": 3}, 422),
         ({"text": "Hello.", "voice": "nobody"}, 404),
         ({"text": "Hello.", "avatar": "nobody"}, 404),
+        ({"text": "Hello.", "trajectory": "oil"}, 404),
+        ({"text": "Hello.", "renderer": "oil"}, 404),
     ],
 )
 def test_a_refused_order_leaves_no_stream_behind(
@@ -87,6 +90,30 @@ def test_a_refused_order_leaves_no_stream_behind(
     before = folders()
     assert curl(f"{server}/v1/streams", "--json", json.dumps(order)).status == status
     assert folders() == before
+
+
+@pytest.mark.parametrize(
+    ("order", "detail", "advice"),
+    [
+        ({"trajectory": "phone-mean"}, "mary has no trajectory model 'phone-mean'", "gaussian"),
+        ({"trajectory": "oil"}, "there is no trajectory model 'oil'", "gaussian"),
+        ({"renderer": "oil"}, "there is no renderer 'oil'", "fast, reference"),
+    ],
+)
+def test_an_utterance_that_cannot_be_shown_so_is_refused_with_what_there_is(
+    server: str, curl, order: dict[str, str], detail: str, advice: str
+) -> None:
+    here = server + curl(f"{server}/v1/streams", "--json", "{}").json()["urls"]["self"]
+    answer = curl(f"{here}/say", "--json", json.dumps({"text": "Hi."} | order))
+    problem = answer.json()
+    assert (answer.status, problem["detail"], problem["field"]) == (404, detail, next(iter(order)))
+    assert advice in problem["advice"]
+    assert curl(here).json()["utterances"] == []
+    curl(f"{here}/say", "--json", '{"text": "Hi.", "trajectory": "gaussian", "renderer": "fast"}')
+    report = curl(here).json()
+    assert len(report["utterances"]) == 1
+    assert (report["trajectory"], report["renderer"]) == ("gaussian", "fast")
+    curl(here, "--request", "DELETE")
 
 
 def test_what_is_said_is_reported_with_its_timings(server: str, curl) -> None:

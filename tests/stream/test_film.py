@@ -46,6 +46,17 @@ def test_a_frame_is_drawn_encoded_published_and_timed(film: Film, starts: list[i
     assert kept == [(0, True, True), (1, False, False)]
 
 
+def test_an_utterance_is_drawn_by_the_face_that_was_asked_for_it(film: Film) -> None:
+    class Blank(TinyAvatar):
+        def render(self, *given: object) -> None:
+            given[-1][:] = 77  # type: ignore[index]
+
+    blank = Utterance(5, face=Blank())  # type: ignore[arg-type]
+    assert film.draw(job(0, owner=blank))[0, 0] == 77
+    assert film.draw(job(1, owner=Utterance(5)))[0, 0] == OPEN
+    assert film.draw(job(2))[0, 0] == BACKGROUND
+
+
 def test_a_dropped_start_makes_the_next_frame_the_start(film: Film) -> None:
     film.encode(job(0, keyframe=True), film.draw(job(0)))
     film.dropped(job(20, keyframe=True))

@@ -55,6 +55,22 @@ def test_each_piece_continues_from_the_frames_before_and_the_last_comes_to_rest(
     assert made[2].coefficients[-1, 0] == 0
 
 
+def test_a_model_hears_the_sound_on_the_clock_of_its_frames_over_the_cuts() -> None:
+    avatar, rate = TinyAvatar(), 16_000
+    samples = np.random.default_rng(0).uniform(-1, 1, 2 * rate).astype(np.float32)
+    cuts = [0, 5_000, 16_130, 30_000]  # no frame begins there
+    parts = [
+        Speech(samples[a:b], rate, (Phone("AA", 0, (b - a) / rate),), ahead=samples[b : b + 1_600], guessed=bool(a))
+        for a, b in pairwise(cuts)
+    ]
+    made = list(pieces(avatar, parts))
+    assert list(avatar.guessed) == [False, True, True]
+    for number, (sound, piece) in enumerate(zip(avatar.sounds, made, strict=False)):
+        begin = round((piece.frame / FPS + sound.start) * rate)  # of what it hears, in all the samples
+        assert np.array_equal(sound.samples, samples[begin : cuts[number + 1] + 1_600])
+        assert begin == max(0, cuts[number] - rate // 2)
+
+
 def test_speech_is_taken_one_by_one_and_stages_are_marked() -> None:
     marks: list[str] = []
     taken: list[int] = []
