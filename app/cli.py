@@ -360,6 +360,12 @@ def evaluate(
     figures: Annotated[Path | None, typer.Option("--json", help="Also write the figures to this file.")] = None,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Also write figures and plots here.")] = None,
     gains: Annotated[str, typer.Option(help="Also measure with the mouth moving so many times as far: 1.1,1.2")] = "",
+    models: Annotated[str, typer.Option(help="Trajectory models to compare, a,b (default: all it has).")] = "",
+    renderers: Annotated[str, typer.Option(help="Renderers to compare, a,b.")] = "fast",
+    sizes: Annotated[
+        str, typer.Option(help="Also train the models anew on so many of its sentences, and score them: 50,100,200")
+    ] = "",
+    seed: Annotated[int, typer.Option(help="Of that training.")] = 0,
     aligner: Annotated[str, typer.Option(help="What finds the phones.")] = "pocketsphinx",
     workers: Annotated[int, typer.Option(min=0, help="Processes; 0: one a core.")] = 0,
     config: ConfigOption = None,
@@ -369,8 +375,8 @@ def evaluate(
     from app.commands.evaluate import run
 
     run(
-        videos, transcripts or [], folder, figures=figures, output=output, gains=gains, aligner=aligner,
-        workers=workers, out=_out, err=_err,
+        videos, transcripts or [], folder, figures=figures, output=output, gains=gains, models=_listed(models),
+        renderers=_listed(renderers), sizes=sizes, seed=seed, aligner=aligner, workers=workers, out=_out, err=_err,
     )  # fmt: skip
 
 

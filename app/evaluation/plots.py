@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from app.engine.evaluation.measure import Example, Measured, Test
 from app.engine.evaluation.speech import SHOWN
 from app.engine.pack import FPS
+from app.evaluation.comparison_plots import write_comparison_plots
+from app.evaluation.save_plot import new_figure, save_plot
 from app.speech import SILENCE, Phone
 
 if TYPE_CHECKING:
@@ -34,10 +36,10 @@ def write_plots(measured: Measured, folder: Path) -> list[str]:
         name = test.scores.test
         for number, example in enumerate(_chosen(test.examples), 1):
             figure = _trajectories(example, measured.scale, measured.flow_count)
-            written.append(_save(figure, folder / f"{name}-trajectories-{number}.svg"))
-            written.append(_save(_opening(example), folder / f"{name}-opening-{number}.svg"))
-        written.append(_save(_distribution(test), folder / f"{name}-psnr.svg"))
-    return written
+            written.append(save_plot(figure, folder / f"{name}-trajectories-{number}.svg"))
+            written.append(save_plot(_opening(example), folder / f"{name}-opening-{number}.svg"))
+        written.append(save_plot(_distribution(test), folder / f"{name}-psnr.svg"))
+    return written + write_comparison_plots(measured, folder)
 
 
 def _chosen(examples: Sequence[Example]) -> list[Example]:
@@ -45,29 +47,10 @@ def _chosen(examples: Sequence[Example]) -> list[Example]:
     return [examples[place] for place in np.unique(places)]
 
 
-def _figure(rows: int) -> tuple[Figure, list[Axes]]:
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(9, 1.2 + 1.6 * rows), layout="constrained")
-    axes = figure.subplots(rows, 1, sharex=True, squeeze=False)
-    return figure, [axis for row in axes for axis in row]
-
-
-def _save(figure: Figure, path: Path) -> str:
-    import matplotlib
-    from matplotlib.backends.backend_svg import FigureCanvasSVG
-
-    options: Any = {"svg.hashsalt": "mary", "svg.fonttype": "none", "font.family": "sans-serif"}
-    canvas: Any = FigureCanvasSVG(figure)
-    with matplotlib.rc_context(options):
-        canvas.print_svg(str(path), metadata={"Date": None, "Creator": None})
-    return path.name
-
-
 def _trajectories(example: Example, scale: NDArray[np.float64], flow_count: int) -> Figure:
     sentence = example.sentence
     chosen = np.argsort(-scale[:flow_count], kind="stable")[:COMPONENTS]
-    figure, axes = _figure(len(chosen))
+    figure, axes = new_figure(len(chosen))
     times = np.arange(len(sentence.numbers)) / FPS
     for axis, component in zip(axes, chosen, strict=True):
         true = np.where(sentence.counted, sentence.true[:, component], np.nan)
@@ -80,7 +63,7 @@ def _trajectories(example: Example, scale: NDArray[np.float64], flow_count: int)
 
 
 def _opening(example: Example) -> Figure:
-    figure, axes = _figure(1)
+    figure, axes = new_figure(1)
     times = np.arange(len(example.sentence.numbers)) / FPS
     axes[0].plot(times, example.drawn.recorded, color=RECORDED, label="recorded")
     axes[0].plot(times, example.drawn.shown, color=SAID, label="said by the avatar")
@@ -112,7 +95,7 @@ def _above(axis: Axes) -> Any:
 
 
 def _distribution(test: Test) -> Figure:
-    figure, axes = _figure(1)
+    figure, axes = new_figure(1)
     for place, name in enumerate(SHOWN):
         values = np.concatenate(list(_ratios(test, place)))
         bins = np.arange(np.floor(values.min()), np.ceil(values.max()) + 0.5, 0.5)

@@ -9,10 +9,12 @@ from rich.table import Table
 from rich.text import Text
 
 from app.align.agreement import Starts
-from app.engine.evaluation.measure import Bar, Scores
 from app.engine.evaluation.reconstruction import RENDERERS
+from app.engine.evaluation.scores import Bar, Scores
 from app.engine.metrics import PictureScores
+from app.evaluation.comparison_tables import comparison_tables, sizes_table
 from app.evaluation.evaluation import Evaluation
+from app.evaluation.plain_table import plain_table
 
 NAMES = {
     "avatar": "the avatar", "rest": "mouth at rest", "mean": "mean mouth", "predicted": "the avatar's mouth",
@@ -38,6 +40,11 @@ def tables(found: Evaluation) -> Iterator[Table | Text]:
         if scores.gains:
             yield _gains(scores)
         yield _bars(scores.bars())
+        for comparison in found.measured.comparisons:
+            if comparison.test == scores.test:
+                yield from comparison_tables(comparison)
+    if found.measured.sizes:
+        yield sizes_table(found.measured.sizes)
     if found.words:
         yield _words(found)
     if found.refused:
@@ -46,17 +53,8 @@ def tables(found: Evaluation) -> Iterator[Table | Text]:
         yield Text(note, style="italic")
 
 
-def _table(*columns: str, title: str = "") -> Table:
-    table = Table(title=title, box=None, pad_edge=False, title_justify="left", title_style="bold")
-    for number, column in enumerate(columns):
-        table.add_column(
-            column, justify="right" if number else "left", no_wrap=number > 0, min_width=0 if number else 22
-        )
-    return table
-
-
 def _trajectories(scores: Scores) -> Table:
-    table = _table(
+    table = plain_table(
         "trajectories (w: weighted)", "AMSE", "ACC", "AMSEw", "ACCw", "ampl.", "jerk"
     )  # fmt: skip
     for row in scores.trajectories:
@@ -70,7 +68,7 @@ def _trajectories(scores: Scores) -> Table:
 
 
 def _pictures(scores: Scores) -> Table:
-    table = _table("pictures, mouth box, luma", "PSNR", "worst 10 % from", "SSIM", "frames")
+    table = plain_table("pictures, mouth box, luma", "PSNR", "worst 10 % from", "SSIM", "frames")
     again = scores.reconstruction
     for where, drawn in (("speech", again.speech), ("all", again.all)):
         for name in RENDERERS:
@@ -89,7 +87,7 @@ def _add(table: Table, name: str, found: PictureScores | None) -> None:
 
 
 def _mouth(scores: Scores) -> Table:
-    table = _table("mouth and head", "")
+    table = plain_table("mouth and head", "")
     if scores.opening:
         its = scores.opening
         table.add_row("opening: correlation", f"{its.correlation:.3f}")
@@ -104,7 +102,7 @@ def _mouth(scores: Scores) -> Table:
 
 
 def _gains(scores: Scores) -> Table:
-    table = _table("motion from rest times", "amplitude", "AMSE weighted", "PSNR", "lips closed")
+    table = plain_table("motion from rest times", "amplitude", "AMSE weighted", "PSNR", "lips closed")
     for its in scores.gains:
         table.add_row(
             f"{its.gain:g}", "-" if its.amplitude is None else f"{its.amplitude:.2f}", f"{its.error_weighted:.3f}",
@@ -114,7 +112,7 @@ def _gains(scores: Scores) -> Table:
 
 
 def _bars(bars: tuple[Bar, ...]) -> Table:
-    table = _table("bars", "measured", "wanted", "")
+    table = plain_table("bars", "measured", "wanted", "")
     for bar in bars:
         limits = [f"at least {bar.least:g}"] if bar.least is not None else []
         limits += [f"at most {bar.most:g}"] if bar.most is not None else []
@@ -127,7 +125,7 @@ def _bars(bars: tuple[Bar, ...]) -> Table:
 
 def _words(found: Evaluation) -> Table:
     assert found.words is not None
-    table = _table(
+    table = plain_table(
         "starts of words against the corpus's own", "median, ms", "90 %, ms", "bias, ms", "over 40 ms", "words"
     )
     rows: tuple[tuple[str, Starts | None], ...] = (
@@ -144,7 +142,7 @@ def _words(found: Evaluation) -> Table:
 def _refused(found: Evaluation) -> Iterator[Table]:
     clips = [each for each in found.refused if each.frame is None]
     if clips:
-        table = _table("clips not used", "why")
+        table = plain_table("clips not used", "why")
         for each in clips[:MOST_REFUSED]:
             table.add_row(each.take, each.reason)
         if len(clips) > MOST_REFUSED:
@@ -152,7 +150,7 @@ def _refused(found: Evaluation) -> Iterator[Table]:
         yield table
     frames = Counter(each.reason for each in found.refused if each.frame is not None)
     if frames:
-        table = _table("pictures not used", "how many")
+        table = plain_table("pictures not used", "how many")
         for reason, count in frames.most_common():
             table.add_row(reason, f"{count}")
         yield table

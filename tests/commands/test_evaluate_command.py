@@ -64,6 +64,11 @@ def test_an_avatar_is_measured(clips: Path, tmp_path: Path) -> None:
     assert figures["refused"] == [{"take": "untold", "frame": None, "reason": "it has no transcript"}]
     assert json.loads((tmp_path / "out" / "evaluation.json").read_text()) == figures
     assert (tmp_path / "out" / "open-psnr.svg").is_file()
+    assert (tmp_path / "out" / "open-models.svg").is_file()
+    compared = figures["tests"]["open"]["comparison"]
+    assert [row["model"] for row in compared["rows"]] == ["rest", "gaussian", "analysed"]
+    assert [its["renderer"] for its in compared["rows"][1]["rendered"]] == ["fast"]
+    assert "The common space comes from these clips themselves" in done.stdout
     assert {path.name for path in tmp_path.iterdir()} == {"figures.json", "out"}
 
 
@@ -72,6 +77,10 @@ def test_an_avatar_is_measured(clips: Path, tmp_path: Path) -> None:
     [
         (["--avatar", "nobody"], "there is no avatar 'nobody'"),
         (["--avatar", "mary", "--gains", "much"], "--gains takes numbers"),
+        (["--avatar", "mary", "--sizes", "1.5"], "--sizes takes whole numbers"),
+        (["--avatar", "mary", "--models", "gaussian,oil"], "there is no trajectory model 'oil'"),
+        (["--avatar", "mary", "--models", "phone-mean"], "mary has no trajectory model 'phone-mean'"),
+        (["--avatar", "mary", "--renderers", "oil"], "there is no renderer 'oil'"),
         (["--avatar", "mary", "--json", "nowhere/figures.json"], "nowhere is not there"),
     ],
 )

@@ -5,10 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 from app.align.agreement import Agreement, Starts
-from app.engine.evaluation.measure import Closure, Example, Gain, Measured, Scores, Test, TrajectoryRow
+from app.engine.evaluation.comparison import Comparison, ModelRow
+from app.engine.evaluation.measure import Example, Measured, Test
+from app.engine.evaluation.model_scores import ModelScores
 from app.engine.evaluation.nose import NoseMotion
+from app.engine.evaluation.pictured import RenderedScores
 from app.engine.evaluation.reconstruction import RENDERERS, Reconstruction
+from app.engine.evaluation.scores import Closure, Gain, Scores, TrajectoryRow
 from app.engine.evaluation.speech import SHOWN, Drawn, Sentence
+from app.engine.evaluation.training_sizes import SizePoint
 from app.engine.metrics import OpeningScores, PictureScores, TrajectoryScores
 from app.engine.training.take import Refusal
 from app.evaluation.evaluation import Evaluation
@@ -49,10 +54,26 @@ def scores(test: str, amplitude: float = 0.9) -> Scores:
     )  # fmt: skip
 
 
+def comparison(test: str) -> Comparison:
+    def row(model: str, error: float, speech: bool = True) -> ModelRow:
+        trajectory = TrajectoryScores(error, 0.1, 0.5, 0.2, error / 2, 0.1, 0.7, 0.1, 0.8, 0.3, 2, 80)
+        opening = OpeningScores(0.875, 1, 0.9) if speech else None
+        pictures = PictureScores(33.25, 30.5, 0.9125, 80) if speech else None
+        rendered = tuple(RenderedScores(name, pictures, 0.8, 1.1, 64_000.0, 0.75) for name in ("fast", "reference"))
+        closings, unclosed = (4, 0.25) if speech else (0, float("nan"))
+        return ModelRow(model, ModelScores(trajectory, opening, closings, unclosed, 62_500.0, 0.0125), rendered)
+
+    return Comparison(test, 2, 2, (row("rest", 1.2, speech=False), row("gaussian", 0.6), row("analysed", 0.1)))
+
+
 def invented(*tests: str) -> Evaluation:
     measured = Measured(
         tuple(Test(scores(name), (example(1), example(2))) for name in tests), np.array([3.0, 5.0, 1.0, 2.0, 2.0]), 3,
-        (Refusal("clip 3", 7, "the face was lost"),),
+        (Refusal("clip 3", 7, "the face was lost"),), tuple(comparison(name) for name in tests),
+        (
+            SizePoint("hmm", 5, 0.25, None), SizePoint("gaussian", 5, 0.25, comparison("open").rows[1].scores),
+            SizePoint("gaussian", 10, 0.5, comparison("open").rows[2].scores),
+        ),
     )  # fmt: skip
     words = Agreement(9, Starts(8, 20.0, 40.0, -5.0, 0.1), None)
     refused = (Refusal("clip 4", None, "it has no transcript"), *measured.refused)

@@ -23,6 +23,12 @@ def test_the_machine_readable_form_holds_every_figure() -> None:
     assert scores["closure"] == {"recorded": 1.0, "shown": 0.75, "phones": 4}
     assert {bar["figure"]: bar["met"] for bar in scores["bars"]}["serving model, dB"]
     assert not {bar["figure"]: bar["met"] for bar in scores["bars"]}["literal model, dB"]
+    rows = {row["model"]: row for row in scores["comparison"]["rows"]}
+    assert list(rows) == ["rest", "gaussian", "analysed"]
+    assert rows["gaussian"]["scores"]["trajectory"]["error"] == 0.6
+    assert rows["gaussian"]["rendered"][1]["renderer"] == "reference"
+    assert rows["rest"]["scores"]["unclosed"] is None
+    assert [point["scores"] is None for point in found["sizes"]] == [True, False, False]
     assert found["words"]["inner"]["median"] == 20
     assert found["refused"][0] == {"take": "clip 4", "frame": None, "reason": "it has no transcript"}
     assert found["notes"] == ["Only an open test."]
@@ -35,6 +41,8 @@ def test_the_tables_say_what_was_found() -> None:
     text = console.file.getvalue()  # type: ignore[attr-defined]
     for words in (
         "nobody, open test: 2 clips, 2 sentences, 80 frames, 40 of them speech", "nobody, closed test", "0.600 ± 0.100",
-        "40.00 dB", "75%", "not measured", "it has no transcript", "the face was lost", "-5", "Only an open test.",
+        "40.00 dB", "75%", "open: common space", "0.600±0.100", "0.300±0.100", "analysed (ceiling), reference", "33.25",
+        "25% of 4", "62.5", "64.0", "closed: motion", "too few",
+        "not measured", "it has no transcript", "the face was lost", "-5", "Only an open test.",
     ):  # fmt: skip
         assert words in text, words

@@ -12,6 +12,7 @@ from app.evaluation.write_evaluation import FIGURES, check_writable, write_figur
 
 PLOTS = {
     "open-opening-1.svg", "open-opening-2.svg", "open-psnr.svg", "open-trajectories-1.svg", "open-trajectories-2.svg",
+    "open-models.svg", "open-renderers.svg", "training-sizes.svg",
 }  # fmt: skip
 
 
@@ -32,6 +33,13 @@ def test_plots_are_the_same_bytes_for_the_same_figures(tmp_path: Path) -> None:
         one, two = ((tmp_path / folder / name).read_bytes() for folder in ("one", "two"))
         assert one == two
         assert b"<svg" in one
+    for name, words in (
+        ("open-models.svg", ("AMSE", "ACC", "analysed (ceiling)", "2 sentences")),
+        ("open-renderers.svg", ("gaussian, reference", "PSNR", "gradient energy")),
+        ("training-sizes.svg", ("minutes of recording", "gaussian")),
+    ):
+        text = (tmp_path / "one" / name).read_text()
+        assert all(word in text for word in words), name
     text = (tmp_path / "one" / "open-trajectories-1.svg").read_text()
     for words in ("clip 1", "recorded", "said by the avatar", ">AA<", "flow mode 2"):
         assert words in text, words

@@ -23,6 +23,8 @@ Float = NDArray[np.float32]
 
 COMPONENTS = 60
 """As many as Wang 2010 has eigen-lips in section 4.1."""
+LEAST_MOVING = 1e-3
+"""Of the first component's deviation: a component that moves less is none."""
 
 
 @dataclass(frozen=True)
@@ -91,7 +93,9 @@ def learn_common_space(corpus: Corpus, *, count: int = COMPONENTS, seed: int = 0
     common = np.mean([each for each in rests if each is not None], axis=0)
     for numbers, rest in zip(passages, rests, strict=True):
         shown[numbers] -= 0 if rest is None else rest - common
-    return replace(space, scale=np.maximum(shown[good].std(0), 1e-6).astype(np.float32))
+    scale = shown[good].std(0)
+    moving = scale > LEAST_MOVING * scale.max()  # what is left of few or still pictures are rounding errors
+    return replace(space, axes=space.axes[moving], scale=scale[moving].astype(np.float32))
 
 
 def resting_means(

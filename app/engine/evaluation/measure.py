@@ -8,19 +8,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from app.engine.evaluation.comparison import Against, Comparison, compare, recorded, yardstick
 from app.engine.evaluation.nose import NoseMotion, nose_motion, nose_patch, shifts
 from app.engine.evaluation.opening import Lips, closed, closings
-from app.engine.evaluation.reconstruction import Reconstruction, reconstruct
+from app.engine.evaluation.reconstruction import reconstruct
+from app.engine.evaluation.scores import CLOSED, OPEN, SPACES, Closure, Gain, Scores, TrajectoryRow
 from app.engine.evaluation.speech import SHOWN, Drawn, Predict, Sentence, draw, louder, sentences
 from app.engine.evaluation.talker import Talker, read
-from app.engine.metrics import (
-    OpeningScores,
-    PictureScores,
-    TrajectoryScores,
-    opening_scores,
-    picture_scores,
-    trajectory_scores,
-)  # fmt: skip
+from app.engine.evaluation.training_sizes import SizePoint, training_sizes
+from app.engine.metrics import OpeningScores, PictureScores, opening_scores, picture_scores, trajectory_scores
 from app.engine.pack import digest
 from app.engine.training.corpus import Corpus, Progress, gather, without
 from app.engine.training.take import Refusal, Take, speaking
@@ -33,127 +29,6 @@ STRANGER = 0.55
 """Residual of the tracker over the contrast of its template: a clip of more shows another face."""
 LEADING = (12, 20)
 """Flow and texture modes of the smaller space that trajectories are scored in."""
-SPACES = ("all modes", "leading modes")
-OPEN, CLOSED = "open", "closed"
-
-
-@dataclass(frozen=True, slots=True)
-class TrajectoryRow:
-    """One model in one space.
-
-    Attributes:
-        model: its name; "rest" and "mean" are mouths that do not move.
-        space: one of `SPACES`.
-        scores: against the analysed trajectories.
-    """
-
-    model: str
-    space: str
-    scores: TrajectoryScores
-
-
-@dataclass(frozen=True, slots=True)
-class Closure:
-    """How often lips close where they should.
-
-    Attributes:
-        recorded, shown: share of the phones at which they do.
-        phones: how many.
-    """
-
-    recorded: float
-    shown: float
-    phones: int
-
-
-@dataclass(frozen=True, slots=True)
-class Gain:
-    """The predicted mouth's motion made larger.
-
-    Attributes:
-        gain: of its deviation from rest; 1 is the model itself.
-        amplitude: of the opening.
-        error_weighted: AMSE weighted by variance, all modes.
-        psnr: of the pictures, speech, dB.
-        closure: share of closed lips where they should be.
-    """
-
-    gain: float
-    amplitude: float | None
-    error_weighted: float
-    psnr: float
-    closure: float | None
-
-
-@dataclass(frozen=True, slots=True)
-class Bar:
-    """What a figure should reach.
-
-    Attributes:
-        figure: what it is.
-        value: measured; None if it could not be.
-        least, most: between which it should lie; None: no limit.
-    """
-
-    figure: str
-    value: float | None
-    least: float | None = None
-    most: float | None = None
-
-    @property
-    def met(self) -> bool:
-        """Whether it does."""
-        if self.value is None:
-            return False
-        return (self.least is None or self.value >= self.least) and (self.most is None or self.value <= self.most)
-
-
-@dataclass(frozen=True)
-class Scores:
-    """One test: what was measured on clips that the avatar has learnt from (closed) or has not (open).
-
-    Attributes:
-        test: `OPEN` or `CLOSED`.
-        clips, sentences, frames, speech_frames: how many were measured.
-        trajectories: of the avatar and of the baselines, in both spaces.
-        reconstruction: of analysed frames.
-        speech: of each of `app.engine.evaluation.speech.SHOWN`, pictures in speech.
-        opening: predicted against recorded.
-        closure: at /m b p/.
-        gains: see `Gain`.
-        nose: what stabilisation leaves over.
-    """
-
-    test: str
-    clips: int
-    sentences: int
-    frames: int
-    speech_frames: int
-    trajectories: tuple[TrajectoryRow, ...]
-    reconstruction: Reconstruction
-    speech: dict[str, PictureScores | None]
-    opening: OpeningScores | None
-    closure: Closure | None
-    gains: tuple[Gain, ...]
-    nose: NoseMotion
-
-    def bars(self) -> tuple[Bar, ...]:
-        """The bars, with what was measured."""
-        drawn, said = self.reconstruction.speech, self.speech["predicted"]
-        serving, literal = drawn["serving"], drawn["literal"]
-        both = self.reconstruction.fast_against_literal
-        opening = self.opening
-        return (
-            Bar("serving model, dB", serving.psnr if serving else None, least=39.5),
-            Bar("serving model, SSIM", serving.ssim if serving else None, least=0.97),
-            Bar("literal model, dB", literal.psnr if literal else None, least=37.0),
-            Bar("fast form minus literal, dB", self.reconstruction.fast_minus_literal, least=-0.3),
-            Bar("fast form against literal, dB", both.psnr if both else None, least=42.0),
-            Bar("rendered speech, dB", said.psnr if said else None, least=31.8),
-            Bar("lag of the opening, frames", float(opening.lag) if opening else None, least=0, most=1),
-            Bar("amplitude of the opening", opening.amplitude if opening else None, least=0.85, most=1.1),
-            Bar("motion of the nose, 95 %, px", self.nose.p95, most=0.7),
-        )
 
 
 @dataclass(frozen=True)
@@ -186,17 +61,24 @@ class Measured:
         scale: (K,) standard deviation of each coefficient in training.
         flow_count: how many of the coefficients are of flow.
         refused: takes and frames left out, with the reason.
+        comparisons: of all models, the open test first; empty if none was wanted.
+        sizes: of the curve over training sizes; empty if none were wanted.
+        own_space: whether the common space comes from clips that the avatar has learnt from.
     """
 
     tests: tuple[Test, ...]
     scale: NDArray[np.float64]
     flow_count: int
     refused: tuple[Refusal, ...]
+    comparisons: tuple[Comparison, ...] = ()
+    sizes: tuple[SizePoint, ...] = ()
+    own_space: bool = True
 
 
 def measure(
     talker: Talker, takes: Sequence[Take], workspace: Workspace, *, models: Mapping[str, Predict] | None = None,
-    gains: Sequence[float] = (), workers: int = 0, progress: Progress = lambda *_: None,
+    gains: Sequence[float] = (), against: Against | None = None, workers: int = 0,
+    progress: Progress = lambda *_: None,
 ) -> Measured:  # fmt: skip
     """Measure an avatar on takes of its talker.
 
@@ -206,6 +88,7 @@ def measure(
         workspace: keeps what is finished.
         models: other trajectory models to score beside the avatar's own, by name, in its space.
         gains: see `Gain`.
+        against: models and renderers to compare side by side.
         workers: processes; 0 for one a core.
         progress: see `Progress`.
 
@@ -228,12 +111,28 @@ def measure(
     learnt = np.array([_digest(take) in talker.trained_on for take in corpus.takes])
     owner = np.repeat(np.arange(len(corpus.takes)), np.diff(corpus.starts))
     tests = []
+    parts: dict[str, list[Sentence]] = {}
     for name, wanted in ((OPEN, ~learnt), (CLOSED, learnt)):
         chosen = [each for each in said if wanted[owner[each.numbers[0]]]]
         if chosen:
+            parts[name] = chosen
             kept = wanted[owner] & corpus.good
             tests.append(_test(name, talker, corpus, kept, owner, chosen, models or {}, gains, workers, progress))
-    return Measured(tuple(tests), talker.trajectory.scale, talker.modes.flow_count, corpus.refused)
+    found = Measured(tuple(tests), talker.trajectory.scale, talker.modes.flow_count, corpus.refused)
+    return found if against is None else _compared(found, parts, corpus, learnt[owner], talker, against, progress)
+
+
+def _compared(
+    found: Measured, parts: Mapping[str, Sequence[Sentence]], corpus: Corpus, learnt: NDArray[np.bool_],
+    talker: Talker, against: Against, progress: Progress,
+) -> Measured:  # fmt: skip
+    by, own_space = yardstick(talker, corpus, learnt)
+    rows = tuple(compare(name, said, corpus, talker, by, against, progress) for name, said in parts.items())
+    sizes: tuple[SizePoint, ...] = ()
+    if against.sizes:
+        known, unheard = (recorded(parts.get(name, ()), corpus, by.space, against.hear) for name in (CLOSED, OPEN))
+        sizes = training_sizes(known, unheard, talker.trajectory.rest, by, against, progress)
+    return replace(found, comparisons=rows, sizes=sizes, own_space=own_space)
 
 
 def _without_strangers(corpus: Corpus, talker: Talker) -> Corpus:

@@ -75,6 +75,8 @@ class ModelScores:
         opening: of the mouth, against the analysed one; None if no sentence is long enough.
         closings: how many /m b p/ at which the recorded lips close.
         unclosed: share of them at which the model's lips do not; NaN if there are none.
+        squares: eq. 16 of Wang 2010: mean over frames of the squared distance in the common space, which is not divided
+            by its deviations for it.
         milliseconds: of prediction a frame, the median over sentences.
     """
 
@@ -82,6 +84,7 @@ class ModelScores:
     opening: OpeningScores | None
     closings: int
     unclosed: float
+    squares: float
     milliseconds: float
 
 
@@ -93,12 +96,18 @@ def score_model(predict: Predict, said: Sequence[Recorded], by: Yardstick) -> Mo
         said: sentences.
         by: see `Yardstick`.
     """
+    rows, milliseconds = say(predict, said)
+    return score_rows(rows, said, by, milliseconds=milliseconds)
+
+
+def say(predict: Predict, said: Sequence[Recorded]) -> tuple[list[Float], float]:
+    """What a model says, (T, K) of each sentence, and the milliseconds a frame, the median over sentences."""
     rows, spent = [], []
     for each in said:
         begin = time.perf_counter()
         rows.append(predict(each.phones, len(each.counted), sound=each.sound))
         spent.append((time.perf_counter() - begin) * 1000 / len(each.counted))
-    return score_rows(rows, said, by, milliseconds=float(np.median(spent)))
+    return rows, float(np.median(spent))
 
 
 def score_rows(
@@ -119,7 +128,8 @@ def score_rows(
         closures += [
             shut for closing, shut in zip(closed(recorded, when), closed(opened, when), strict=True) if closing
         ]
+    squares = np.concatenate([np.square(a - b, dtype=np.float64).sum(1) for a, b in zip(shown, true, strict=True)])
     return ModelScores(
         trajectory_scores(shown, true, by.space.scale), opening_scores(*zip(*openings, strict=True)),
-        len(closures), float(1 - np.mean(closures)) if closures else float("nan"), milliseconds,
+        len(closures), float(1 - np.mean(closures)) if closures else float("nan"), float(squares.mean()), milliseconds,
     )  # fmt: skip

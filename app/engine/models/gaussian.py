@@ -20,7 +20,7 @@ class GaussianKind:
     name = "gaussian"
     version = 1
     hears = False
-    least = 1.0
+    least = 0.5
 
     def fit(
         self, spoken: Sequence[Spoken], rest: NDArray[np.float32], *, fps: float, seed: int,

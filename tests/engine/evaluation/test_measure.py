@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.engine.evaluation.measure import CLOSED, OPEN, Bar, Measured, measure
+from app.engine.evaluation.measure import Measured, measure
+from app.engine.evaluation.scores import CLOSED, OPEN, Bar
 from app.engine.evaluation.talker import Talker
 from app.engine.training.take import Take
 from app.engine.training.workspace import Workspace

@@ -10,7 +10,8 @@ import pytest
 from app.align.align_clips import align_clips
 from app.align.clips import find_clips
 from app.align.pocketsphinx import PocketSphinxAligner
-from app.engine.evaluation.measure import OPEN, measure
+from app.engine.evaluation.measure import measure
+from app.engine.evaluation.scores import OPEN
 from app.engine.evaluation.talker import Talker
 from app.engine.pack import load_pack
 from app.engine.training.take import Take
