@@ -66,7 +66,7 @@ class Speech:
         marks: in order of time.
         ahead: what sounds after the samples, as far as it is known and matters to how the mouth moves already: (m,)
             samples; None if nothing is known.
-        guessed: the phones were recognised in the sound, nobody knew the text.
+        recognised: the phones were heard in the sound, nobody knew the text.
     """
 
     samples: NDArray[np.float32]
@@ -77,7 +77,7 @@ class Speech:
     around: tuple[Phone, ...] = ()
     marks: tuple[Mark, ...] = ()
     ahead: NDArray[np.float32] | None = None
-    guessed: bool = False
+    recognised: bool = False
 
     @property
     def duration(self) -> float:

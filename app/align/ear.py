@@ -106,7 +106,7 @@ class Ear:
         self._past = [replace(each, end=min(each.end, end)) for each in shown if end - LEFT < each.start < end]
         return Speech(
             samples, OUT_RATE, tuple(inside), self._words(shown, start, end), around=tuple(around),
-            ahead=self._loud.peek(end, min(heard, end + LOOK)), guessed=not self._written,
+            ahead=self._loud.peek(end, min(heard, end + LOOK)), recognised=not self._written,
         )  # fmt: skip
 
     def _shown(self, start: float, end: float, known: float, *, last: bool) -> list[_Shown]:

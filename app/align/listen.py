@@ -86,7 +86,7 @@ def recognise_recording(samples: NDArray[np.float32], rate: int, recogniser: Rec
         RecognitionFailed: the recogniser broke down.
     """
     sound = samples if rate == RATE else soxr.resample(samples, rate, RATE)
-    return Listened(replace(_speech(samples, rate, recognise(recogniser, sound), ()), guessed=True))
+    return Listened(replace(_speech(samples, rate, recognise(recogniser, sound), ()), recognised=True))
 
 
 def _speech(samples: NDArray[np.float32], rate: int, phones: tuple[Phone, ...], words: tuple[Word, ...]) -> Speech:
@@ -143,5 +143,5 @@ def _part(speech: Speech, first: int, last: int) -> Speech:
     ahead = speech.samples[last : last + round(AROUND * speech.rate)]
     return Speech(
         speech.samples[first:last], speech.rate, tuple(inside), words, around=around, ahead=ahead,
-        guessed=speech.guessed,
+        recognised=speech.recognised,
     )  # fmt: skip

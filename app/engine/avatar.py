@@ -102,15 +102,15 @@ class Avatar:
         *,
         before: Coefficients | None = None,
         sound: Sound | None = None,
-        guessed: bool = False,
+        recognised: bool = False,
     ) -> Coefficients:
         """(frames, K) mouth coefficients; see `app.engine.models.model.TrajectoryModel.predict`.
 
         Args:
             phones, frames, before, sound: see there.
-            guessed: the phones were recognised in the sound: a model that can speak from the sound itself does.
+            recognised: the phones were heard in the sound: a model that can speak from the sound itself does.
         """
-        if sound is not None and "sound" in self.model.inputs and (guessed or "phones" not in self.model.inputs):
+        if sound is not None and "sound" in self.model.inputs and (recognised or "phones" not in self.model.inputs):
             phones = ()
         rows = self.model.predict(phones, frames, before=before, sound=sound)
         return self._mouth.plan(rows, before) if isinstance(self._mouth, Planner) else rows

@@ -49,7 +49,7 @@ class Articulator(Protocol):
         *,
         before: Coefficients | None = None,
         sound: Sound | None = None,
-        guessed: bool = False,
+        recognised: bool = False,
     ) -> Coefficients: ...
 
 
@@ -167,11 +167,11 @@ def _trajectory(
     """Mouths of the frames of one piece, the first of them `offset` seconds after its first sample."""
     if not speech.around:
         phones = _later(speech.phones, offset)
-        return articulator.trajectory(phones, frames, before=before, sound=sound, guessed=speech.guessed)
+        return articulator.trajectory(phones, frames, before=before, sound=sound, recognised=speech.recognised)
     phones = [Phone(phone.symbol, phone.start - offset, phone.end - offset) for phone in speech.around]
     known = max(0, math.ceil((phones[-1].end - frames / FPS) * FPS))  # frames after the piece draw the mouth already
     more = frames + min(known, AFTER_FRAMES)
-    return articulator.trajectory(phones, more, before=before, sound=sound, guessed=speech.guessed)[:frames]
+    return articulator.trajectory(phones, more, before=before, sound=sound, recognised=speech.recognised)[:frames]
 
 
 def _after(heard: Sound | None, speech: Speech, offset: float) -> Sound:

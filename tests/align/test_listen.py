@@ -30,8 +30,8 @@ def test_without_a_text_phones_are_heard() -> None:
     assert {phone.symbol for phone in listened.speech.phones} >= {"AA", "M"}
     assert listened.confidence is None
     assert not listened.doubtful
-    assert [piece.guessed for piece in cut(listened.speech)] == [True]
-    assert not align_recording(hum(1.0), 16_000, "hello you", MockAligner()).speech.guessed
+    assert [piece.recognised for piece in cut(listened.speech)] == [True]
+    assert not align_recording(hum(1.0), 16_000, "hello you", MockAligner()).speech.recognised
 
 
 def test_another_text_is_doubtful_and_refused_when_strict(

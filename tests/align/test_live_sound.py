@@ -142,7 +142,7 @@ def test_a_piece_knows_what_sounds_after_it() -> None:
     whole, at = joined(taken)[0], 0
     for piece in taken:
         at += len(piece.samples)
-        assert piece.guessed
+        assert piece.recognised
         assert piece.ahead is not None
         assert np.array_equal(piece.ahead, whole[at : at + len(piece.ahead)])
     assert np.mean([len(piece.ahead) for piece in taken[:-1]]) > 0.15 * OUT_RATE  # type: ignore[arg-type]

@@ -49,7 +49,7 @@ class TinyAvatar:
     rest: NDArray[np.float32] = field(default_factory=lambda: np.array([0, 1], np.float32))
     befores: list[NDArray[np.float32]] = field(default_factory=list)
     sounds: deque[Sound] = field(default_factory=lambda: deque(maxlen=16))
-    guessed: deque[bool] = field(default_factory=lambda: deque(maxlen=16))
+    recognised: deque[bool] = field(default_factory=lambda: deque(maxlen=16))
     delay: float = 0.0
     renderer: str = "puppet"
     model: SimpleNamespace = field(default_factory=lambda: SimpleNamespace(name="puppet"))
@@ -61,11 +61,11 @@ class TinyAvatar:
         *,
         before: NDArray[np.float32] | None = None,
         sound: Sound | None = None,
-        guessed: bool = False,
+        recognised: bool = False,
     ) -> NDArray[np.float32]:
         assert sound is not None
         self.sounds.append(sound)
-        self.guessed.append(guessed)
+        self.recognised.append(recognised)
         assert before is not None
         assert before.shape == (8, 2)
         self.befores.append(before)

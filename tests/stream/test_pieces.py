@@ -60,11 +60,11 @@ def test_a_model_hears_the_sound_on_the_clock_of_its_frames_over_the_cuts() -> N
     samples = np.random.default_rng(0).uniform(-1, 1, 2 * rate).astype(np.float32)
     cuts = [0, 5_000, 16_130, 30_000]  # no frame begins there
     parts = [
-        Speech(samples[a:b], rate, (Phone("AA", 0, (b - a) / rate),), ahead=samples[b : b + 1_600], guessed=bool(a))
+        Speech(samples[a:b], rate, (Phone("AA", 0, (b - a) / rate),), ahead=samples[b : b + 1_600], recognised=bool(a))
         for a, b in pairwise(cuts)
     ]
     made = list(pieces(avatar, parts))
-    assert list(avatar.guessed) == [False, True, True]
+    assert list(avatar.recognised) == [False, True, True]
     for number, (sound, piece) in enumerate(zip(avatar.sounds, made, strict=False)):
         begin = round((piece.frame / FPS + sound.start) * rate)  # of what it hears, in all the samples
         assert np.array_equal(sound.samples, samples[begin : cuts[number + 1] + 1_600])

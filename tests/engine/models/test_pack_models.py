@@ -140,5 +140,5 @@ def test_a_model_that_hears_speaks_from_guessed_phones_only_if_it_must(pack: Pat
     expected = {("phones",): (4, 4), ("phones", "sound"): (4, 0), ("sound",): (0, 0)}
     for inputs, counts in expected.items():
         avatar.model = Hearing(*inputs)  # type: ignore[assignment]
-        shown = [avatar.trajectory(PHONES, 2, sound=sound, guessed=guessed)[0, 0] for guessed in (False, True)]
+        shown = [avatar.trajectory(PHONES, 2, sound=sound, recognised=recognised)[0, 0] for recognised in (False, True)]
         assert tuple(shown) == counts, inputs
