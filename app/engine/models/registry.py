@@ -17,7 +17,7 @@ DEFAULT = "gaussian"
 
 KINDS: Plugins[Kind] = Plugins(
     kind="trajectory model",
-    group="mary.trajectory_models",
+    group="mary.trajectory",
     field="trajectory",
     ours={
         DEFAULT: ("app.engine.models.gaussian", "GaussianKind"),
