@@ -164,7 +164,7 @@ class Stream:
         self.end()
 
     def say(self, text: str, **options: Any) -> str:
-        """Queue a text; returns its utterance. `options` are those of `POST …/say`: interrupt, voice, speed."""
+        """Queue a text; returns its utterance. `options` are those of `POST …/say`: interrupt, voice and so on."""
         return str(self._mary.call("POST", f"{self._here}/say", {"text": text, **options})["utterance"]["id"])
 
     def say_recording(self, recording: str | os.PathLike[str], **options: Any) -> str:

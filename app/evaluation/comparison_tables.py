@@ -13,6 +13,10 @@ from app.evaluation.plain_table import plain_table
 NAMES = {REST: "mouth at rest", ANALYSED: "analysed (ceiling)"}
 
 
+NAME_WIDTH = 18
+"""Characters: these tables fit into 80 columns."""
+
+
 def comparison_tables(found: Comparison) -> Iterator[Table]:
     """The tables of one test: trajectories as in table 1 of Deena 2010, pictures, and table I of Wang 2010."""
     yield _trajectories(found)
@@ -22,8 +26,12 @@ def comparison_tables(found: Comparison) -> Iterator[Table]:
         yield _squares(found)
 
 
+def _table(found: Comparison, what: str, *columns: str) -> Table:
+    return plain_table("", *columns, title=f"{found.test} test: {what}", names=NAME_WIDTH)
+
+
 def _trajectories(found: Comparison) -> Table:
-    table = plain_table(f"{found.test}: common space", "AMSE", "ACC", "AMSEw", "ACCw", "ms")
+    table = _table(found, "trajectories in the common space", "AMSE", "ACC", "AMSEw", "ACCw", "ms")
     for row in found.rows:
         its = row.scores.trajectory
         figures = (
@@ -39,9 +47,7 @@ def _trajectories(found: Comparison) -> Table:
 
 
 def _lips(found: Comparison) -> Table:
-    table = plain_table(
-        f"{found.test}: motion", "ampl.", "jerk", "opening r", "lag", "its ampl.", "not closed at m b p"
-    )
+    table = _table(found, "motion", "ampl.", "jerk", "opening r", "its lag", "its ampl.", "open at m b p")
     for row in found.rows:
         its, opening = row.scores.trajectory, row.scores.opening
         of_opening = (f"{opening.correlation:.3f}", f"{opening.lag}", f"{opening.amplitude:.2f}") if opening else "---"
@@ -53,7 +59,7 @@ def _lips(found: Comparison) -> Table:
 
 
 def _pictures(found: Comparison) -> Table:
-    table = plain_table(f"{found.test}: pictures", "PSNR", "p10", "SSIM", "sharp", "jumps", "ms")
+    table = _table(found, f"pictures of {found.pictured} sentences", "PSNR", "p10", "SSIM", "sharp", "jumps", "ms")
     for row in found.rows:
         for its in row.rendered:
             said = its.pictures
@@ -68,7 +74,7 @@ def _pictures(found: Comparison) -> Table:
 def _squares(found: Comparison) -> Table:
     """The selection's own error is that of the row for analysed coefficients."""
     names = [its.renderer for its in found.rows[0].rendered]
-    table = plain_table(f"{found.test}: squared distance, /1000", "trajectory", *(f"with {name}" for name in names))
+    table = _table(found, "squared distances, in thousands", "trajectory", *(f"with {name}" for name in names))
     for row in found.rows:
         drawn = (f"{its.squares / 1000:.1f}" for its in row.rendered)
         table.add_row(NAMES.get(row.model, row.model), f"{row.scores.squares / 1000:.1f}", *drawn)
@@ -77,7 +83,10 @@ def _squares(found: Comparison) -> Table:
 
 def sizes_table(points: Sequence[SizePoint]) -> Table:
     """The training-size curve, Figure 9 of Wang 2010."""
-    table = plain_table("open, trained on", "sentences", "minutes", "squared/1000", "AMSE", "ACC", "AMSEw", "ACCw")
+    table = plain_table(
+        "", "sentences", "minutes", "squared", "AMSE", "ACC", "AMSEw", "ACCw", names=NAME_WIDTH,
+        title="open test of models trained on parts of the recording",
+    )  # fmt: skip
     for point in points:
         figures: tuple[str, ...] = ("too few", "", "", "", "")
         if point.scores is not None:

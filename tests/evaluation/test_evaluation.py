@@ -6,6 +6,7 @@ import json
 from invented import invented
 from rich.console import Console
 
+from app.evaluation.comparison_tables import comparison_tables, sizes_table
 from app.evaluation.evaluation import VERSION
 from app.evaluation.tables import tables
 
@@ -41,8 +42,19 @@ def test_the_tables_say_what_was_found() -> None:
     text = console.file.getvalue()  # type: ignore[attr-defined]
     for words in (
         "nobody, open test: 2 clips, 2 sentences, 80 frames, 40 of them speech", "nobody, closed test", "0.600 ± 0.100",
-        "40.00 dB", "75%", "open: common space", "0.600±0.100", "0.300±0.100", "analysed (ceiling), reference", "33.25",
-        "25% of 4", "62.5", "64.0", "closed: motion", "too few",
+        "40.00 dB", "75%", "open test: trajectories in the common space", "0.600±0.100", "0.300±0.100",
+        "analysed (ceiling), reference", "33.25",
+        "25% of 4", "62.5", "64.0", "closed test: motion", "too few",
         "not measured", "it has no transcript", "the face was lost", "-5", "Only an open test.",
     ):  # fmt: skip
         assert words in text, words
+
+
+def test_the_tables_of_models_fit_a_narrow_terminal() -> None:
+    found = invented("open").measured
+    for each in (*comparison_tables(found.comparisons[0]), sizes_table(found.sizes)):
+        console = Console(file=io.StringIO(), width=80)
+        console.print(each)
+        text = console.file.getvalue()  # type: ignore[attr-defined]
+        assert "…" not in text
+        assert max(len(line) for line in text.splitlines()) <= 80
