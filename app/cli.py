@@ -2,25 +2,20 @@
 
 from __future__ import annotations
 
-import os
 import runpy
 import signal
 import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 from rich.text import Text
 
 from app.config import Settings, load
 from app.errors import ConfigError, InputError, MaryError, NotFound
-from app.speech import Speech
 
 if TYPE_CHECKING:
     from app.engine.avatar import AvatarShelf
@@ -113,80 +108,13 @@ def say(
     config: ConfigOption = None,
 ) -> None:
     """Render a text, or a recording with its text, with its phone times, or alone, into an MP4 file."""
-    settings = _with_lexicon(load(config), lexicon or [])
+    settings = load(config)
     if text and said:
         raise InputError("the text is given twice", advice="Give it once, with --text or without.")
-    text = text or said
-    if audio is None and phones is not None:
-        raise InputError("--phones are those of a recording", advice="Give --audio, too.")
-    if audio is None and not text:
-        raise InputError("give a text or --audio", advice='mary say "Hello" -o hello.mp4')
-    if phones is not None and text:
-        raise InputError("give either --phones or a text", advice="The times are found by the text, or given.")
-    if output.is_dir() or not output.absolute().parent.is_dir():
-        raise InputError(f"{output} cannot be written", field="output", advice="Name a file in a folder that exists.")
-    from app.align.given import read_speech
-    from app.engine.background import STILL
-    from app.engine.pool import OrderedPool
-    from app.stream.clock import FPS
-    from app.stream.render import render_file
+    from app.commands.say import Order, run
 
-    with _progress() as progress:
-        task = progress.add_task("loading", total=None)
-        face = _shelf(settings).get(avatar or settings.avatars.default, trajectory=trajectory, renderer=renderer)
-        if face.excuse:
-            _err.print(Text(face.excuse), soft_wrap=True)
-        if audio is not None and phones is not None:
-            speeches = iter([read_speech(audio, phones)])
-        elif audio is not None:
-            progress.update(task, description="listening")
-            speeches = _recorded(settings, audio, text, strict)
-        else:
-            speeches = _spoken(settings, text, face.manifest.voice, voice, speed, strict)
-        unread: list[str] = []
-        seconds = 0.0
-
-        def counted() -> Iterator[Speech]:
-            nonlocal seconds
-            for speech in speeches:
-                seconds += speech.duration
-                unread.extend(speech.unread)
-                progress.update(task, description="rendering", total=round(seconds * FPS))
-                yield speech
-
-        pool = OrderedPool(settings.engine.workers or len(os.sched_getaffinity(0)))
-        try:
-            render_file(
-                face,
-                counted(),
-                settings,
-                output,
-                pool,
-                loop_frame=(lambda _: STILL) if still else None,
-                on_frame=lambda frames: progress.update(task, completed=frames),
-            )
-        except OSError as error:
-            raise InputError(f"{output} cannot be written: {error.strerror or error}", field="output") from error
-        finally:
-            pool.close()
-    if unread:
-        _err.print(Text(f"left out, cannot be read: {' '.join(dict.fromkeys(unread))}"), soft_wrap=True)
-    _out.print(Text(f"{output}: {seconds:.1f} s"), soft_wrap=True)
-
-
-def _with_lexicon(settings: Settings, entries: Sequence[str]) -> Settings:
-    """The settings with pronunciations of WORD=PHONES put before their own."""
-    from app.align.dictionary import read_lexicon
-
-    given = {}
-    for entry in entries:
-        word, equals, said = entry.partition("=")
-        if not equals:
-            raise InputError(f"--lexicon takes WORD=PHONES, not {entry!r}", advice='--lexicon "Nguyen=N UW Y EH N"')
-        given[word] = said
-    read_lexicon(given)
-    merged = settings.speech.model_copy(update={"lexicon": {**settings.speech.lexicon, **given}})
-    return settings.model_copy(update={"speech": merged})
+    order = Order(text or said, audio, phones, avatar, trajectory, renderer, voice, speed, lexicon or (), strict, still)
+    run(order, output, settings, out=_out, err=_err)
 
 
 def _shelf(settings: Settings) -> AvatarShelf:
@@ -195,54 +123,6 @@ def _shelf(settings: Settings) -> AvatarShelf:
     return AvatarShelf(
         settings.avatars.folder, settings.engine.renderer, settings.avatars.default, settings.engine.trajectory
     )
-
-
-def _spoken(
-    settings: Settings, text: str, preferred: str, voice: str | None, speed: float, strict: bool
-) -> Iterator[Speech]:
-    """The pieces of a text, each spoken when it is asked for."""
-    from app.align.aligners import Aligners
-    from app.tts.engine import check_configured, choose_voice
-    from app.tts.narrate import narrate
-    from app.tts.planning import plan
-    from app.tts.voicebox import voicebox
-
-    planned = plan(sys.stdin.read() if text == "-" else text, lexicon=settings.speech.lexicon)
-    if planned.guessed and strict:
-        raise InputError(
-            f"no dictionary has {', '.join(planned.guessed)}", field="text", advice="Say how with --lexicon."
-        )
-    if planned.guessed:
-        _err.print(Text(f"pronounced by guess: {' '.join(planned.guessed)}"), soft_wrap=True)
-    engine = voicebox(settings.speech, settings.align, Aligners(settings.align.aligners)).engine
-    check_configured(engine, settings.speech.voice)
-    chosen = choose_voice(engine, voice or "", settings.speech.voice or preferred)
-    engine.warm_up()
-    return narrate(engine, planned, voice=chosen.id, speed=speed)
-
-
-def _recorded(settings: Settings, audio: Path, text: str, strict: bool) -> Iterator[Speech]:
-    """The pieces of a recording, its phones found by its text, or heard."""
-    from app.align import recognisers
-    from app.align.aligners import Aligners
-    from app.align.dictionary import read_lexicon
-    from app.align.listen import align_recording, cut, recognise_recording
-    from app.align.sound_file import read_sound
-
-    said = sys.stdin.read() if text == "-" else text
-    samples, rate = read_sound(audio, longest=settings.limits.audio_seconds)
-    if not said.strip():
-        return cut(recognise_recording(samples, rate, recognisers.create(settings.align.recogniser)).speech)
-    aligner = Aligners(settings.align.aligners).get(settings.align.engine)
-    listened = align_recording(
-        samples, rate, said, aligner, strict=strict, lexicon=read_lexicon(settings.speech.lexicon)
-    )
-    if listened.guessed:
-        _err.print(Text(f"pronounced by guess: {' '.join(listened.guessed)}"), soft_wrap=True)
-    if listened.doubtful:
-        doubt = f"the text does not seem to be what is said (confidence {listened.confidence:.2f})"
-        _err.print(Text(doubt), soft_wrap=True)
-    return cut(listened.speech)
 
 
 @app.command()
@@ -424,14 +304,6 @@ def bench(
     sys.path.insert(0, str(root))
     sys.argv = ["bench", *(names or [])]
     runpy.run_module("bench", run_name="__main__", alter_sys=True)
-
-
-@contextmanager
-def _progress() -> Iterator[Progress]:
-    """A bar on standard error while something long goes on; it is gone afterwards."""
-    columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=_err, transient=True, disable=not _err.is_terminal) as progress:
-        yield progress
 
 
 if __name__ == "__main__":

@@ -14,7 +14,7 @@ MAY_IMPORT = {
     "engine": {"speech", "errors", "plugins"},
     "evaluation": {"speech", "errors", "align", "engine"},
     "stream": {"speech", "errors", "config", "engine"},
-    "commands": {"speech", "errors", "config", "tts", "align", "engine", "evaluation"},
+    "commands": {"speech", "errors", "config", "tts", "align", "engine", "evaluation", "stream"},
     "api": {"speech", "errors", "config", "tts", "align", "engine", "stream"},
 }
 
