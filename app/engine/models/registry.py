@@ -21,6 +21,7 @@ KINDS: Plugins[Kind] = Plugins(
     field="trajectory",
     ours={
         DEFAULT: ("app.engine.models.gaussian", "GaussianKind"),
+        "hmm": ("app.engine.models.hmm", "HmmKind"),
         "phone-mean": ("app.engine.models.phone_mean", "PhoneMeanKind"),
     },
     protocol=Kind,

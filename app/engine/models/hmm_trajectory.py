@@ -1,0 +1,145 @@
+"""The trajectory model of Wang 2010: the most likely mouths under the states of phones, or of what is heard."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from app.engine.models.hmm_context import QUIET, Labels, contexts, silences_joined
+from app.engine.models.hmm_generation import generate
+from app.engine.models.hmm_recognition import Loop, row_likelihoods
+from app.engine.models.hmm_rows import ROWS, heard_rows, rows_of
+from app.engine.models.hmm_states import REST_SLOT, Durations, add_fits, align, slots_of
+from app.engine.models.hmm_stream import Stream
+from app.engine.models.model import Input
+from app.engine.models.sound import Sound
+from app.speech import PHONES, SILENCE, Phone
+
+Float = NDArray[np.float32]
+Array = NDArray[np.float64]
+Numbers = NDArray[np.int64]
+
+AFTER = ROWS
+"""Rows made behind the last frame: where a trajectory breaks off, its dynamics are not known."""
+
+
+@dataclass(frozen=True)
+class Hearing:
+    """What recognises phones.
+
+    Attributes:
+        stream: tied states of what is heard.
+        grammar: (P, P, P) of the trained phones, see `app.engine.models.hmm_recognition.phone_grammar`.
+        hush: loudness (the first of the MFCC) below which there is silence for certain.
+    """
+
+    stream: Stream
+    grammar: Array
+    hush: float
+
+
+@dataclass(frozen=True)
+class HmmTrajectory:
+    """See `app.engine.models.model.TrajectoryModel`.
+
+    Attributes:
+        phones: that were trained, silence among them.
+        seen: tied states of what is seen, in standard deviations.
+        durations: of states.
+        hearing: None if it was trained without sound.
+        scale: (K,) standard deviations of coefficients.
+        rest: (K,) the mouth at rest.
+        fps: frames a second.
+        lead: rows by which the lips are ahead of the sound.
+        dynamics: weight of dynamic features; 1 is the likelihood.
+    """
+
+    phones: tuple[str, ...]
+    seen: Stream
+    durations: Durations
+    hearing: Hearing | None
+    scale: Array
+    rest: Float
+    fps: float
+    lead: int
+    dynamics: float
+
+    name = "hmm"
+
+    @property
+    def inputs(self) -> frozenset[Input]:
+        """Phones; sound too if it was trained with it."""
+        return frozenset({"phones"} if self.hearing is None else {"phones", "sound"})
+
+    def predict(
+        self, phones: Sequence[Phone], frames: int, *, before: Float | None = None, sound: Sound | None = None
+    ) -> Float:
+        """See `app.engine.models.model.TrajectoryModel`; where phones are known, the sound does not matter."""
+        if frames <= 0:
+            return np.zeros((0, len(self.rest)), np.float32)
+        known = self._known(before)
+        # The last frame before is row -ROWS.
+        first = -(len(known) + ROWS - 1) if len(known) else 0
+        rows = first + np.arange(rows_of(frames) + AFTER - first)
+        if phones:
+            leaves, lasting, begin = self._said(phones)
+        elif sound is not None and self.hearing is not None and len(sound.heard):
+            leaves, lasting, begin = self._heard(sound)
+        else:
+            leaves, lasting, begin = self._said([Phone(SILENCE, 0.0, frames / self.fps)])
+        ends = begin + np.cumsum(lasting)
+        last = int(np.flatnonzero(lasting)[-1]) if lasting.any() else len(lasting) - 1
+        shown = leaves[np.minimum(np.searchsorted(ends, rows + self.lead, side="right"), last)]
+        count = len(self.rest)
+        precision = 1 / self.seen.variance[shown]
+        precision[:, count:] *= self.dynamics
+        made = generate(self.seen.mean[shown], precision, known)
+        return (made[-first :: ROWS][:frames] * self.scale + self.rest).astype(np.float32)
+
+    def _known(self, before: Float | None) -> Array:
+        """The last two rows (b, K) up to the last frame before, in standard deviations from rest."""
+        if before is None or not len(before):
+            return np.zeros((0, len(self.rest)))
+        frames = (before[-4:].astype(np.float64) - self.rest) / self.scale
+        if len(frames) == 1:
+            return frames
+        return np.stack([CubicSpline(np.arange(len(frames)), frames)(len(frames) - 1 - 1 / ROWS), frames[-1]])
+
+    def _said(self, phones: Sequence[Phone]) -> tuple[Numbers, Numbers, int]:
+        """States of phones one after the other: what is seen in each, its rows, and the row at which the first begins."""
+        joined = silences_joined(phones)
+        times = np.array([joined[0].start, *(phone.end for phone in joined)])
+        edges = np.maximum.accumulate(np.ceil(times * (ROWS * self.fps) - 1e-6).astype(np.int64))
+        labels = contexts(joined, self.phones)
+        lasting = self.durations.states(labels, np.diff(edges))
+        return self.seen.leaves(labels).ravel(), lasting.ravel(), int(edges[0])
+
+    @cached_property
+    def _loop(self) -> Loop:
+        assert self.hearing is not None
+        places = np.array([PHONES.index(symbol) for symbol in self.phones])
+        return Loop.of(self.hearing.stream, self.durations, places, self.hearing.grammar)
+
+    def _heard(self, sound: Sound) -> tuple[Numbers, Numbers, int]:
+        """The same from the sound: the best phones, and the best states in them."""
+        assert self.hearing is not None
+        rate = ROWS * self.fps
+        begin = round(sound.start * rate)
+        count = max(1, round(len(sound.samples) / sound.rate * rate))
+        heard = heard_rows(sound, begin, count, self.fps)
+        stream = self.hearing.stream
+        places, starts = self._loop.recognise(row_likelihoods(stream, heard))
+        labels = np.stack([np.append(QUIET, places[:-1]), places, np.append(places[1:], QUIET)], 1).astype(np.int16)
+        counts = slots_of(labels)[1]
+        states = self.durations.states(labels, np.diff(starts))
+        fits = np.zeros((count, states.shape[1]))
+        usable = np.ones(count, bool)
+        add_fits(starts, counts, stream.leaves(labels), heard, usable, stream.mean, stream.variance, fits)
+        align(starts, counts, fits, states)
+        return self.seen.leaves(labels).ravel(), states.ravel(), begin
