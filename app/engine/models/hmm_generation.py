@@ -35,8 +35,13 @@ def generate(mean: Array, precision: Array, known: Array | None = None) -> Array
         solution[:fixed] = known[:fixed]
     if rows > fixed:
         shape = (rows, 3, count)
-        _generate(np.ascontiguousarray(mean).reshape(shape), np.ascontiguousarray(precision).reshape(shape),
-                  fixed, WINDOW, solution)
+        _generate(
+            np.ascontiguousarray(mean).reshape(shape),
+            np.ascontiguousarray(precision).reshape(shape),
+            fixed,
+            WINDOW,
+            solution,
+        )
     return solution
 
 

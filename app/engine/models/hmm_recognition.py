@@ -20,7 +20,7 @@ from app.engine.models.hmm_stream import Stream
 Array = NDArray[np.float64]
 Numbers = NDArray[np.int64]
 
-SHARPNESS = 0.15
+SHARPNESS = 0.1
 """Of likelihoods of rows: neighbours hear nearly the same and do not count whole (found on sentences left out)."""
 NEVER = 1e-30
 """Likelihood of what cannot be."""
@@ -148,10 +148,10 @@ def _search(
             for c in range(size):
                 for r in range(size):
                     top, chosen = -np.inf, 0
-                    for l in range(size):
-                        value = out[nodes[l, c, r]] + grammar[l, c, r]
+                    for b in range(size):
+                        value = out[nodes[b, c, r]] + grammar[b, c, r]
                         if value > top:
-                            top, chosen = value, nodes[l, c, r]
+                            top, chosen = value, nodes[b, c, r]
                     enter[c * size + r] = top
                     came[t, c * size + r] = chosen
                     since[t, c * size + r] = begun[chosen, counts[chosen] - 1]

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from app.engine.models.mfcc import mfcc
+from app.engine.models.mfcc import COUNT, mfcc
 from app.engine.models.sound import Sound
 
 Float = NDArray[np.float32]
@@ -22,6 +22,8 @@ ROWS = 8
 """A frame."""
 WINDOWS = 3
 """Static, delta, delta-delta."""
+HEARD = WINDOWS * COUNT
+"""Dimensions of what is heard."""
 
 
 def rows_of(frames: int) -> int:
@@ -53,7 +55,7 @@ def heard_rows(sound: Sound, first: int, count: int, fps: float) -> Array:
         fps: frames a second.
 
     Returns:
-        (count, 60).
+        (count, HEARD).
     """
     times = (np.arange(first - 1, first + count + 1)) / (ROWS * fps) - sound.start
     return with_dynamics(mfcc(sound.heard, times).astype(np.float64))[1:-1]

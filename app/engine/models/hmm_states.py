@@ -85,7 +85,8 @@ def shared_rows(mean: Array, variance: Array, length: int) -> Numbers:
     """Whole numbers with the sum `length`: the most likely durations of (S,) states one after the other."""
     many = len(mean)
     if length <= many:
-        return np.diff((np.arange(many + 1) * length + many // 2) // many)
+        even: Numbers = np.diff((np.arange(many + 1) * length + many // 2) // many)
+        return even
     rows = np.ones(many)
     longer = np.ones(many, bool)
     while longer.any():  # those that would be shorter than a row get one, the others share what is left
@@ -98,7 +99,8 @@ def shared_rows(mean: Array, variance: Array, length: int) -> Numbers:
             break
         longer &= ~short
     edges = np.round(np.append(0.0, np.cumsum(rows)) * (length / rows.sum())).astype(np.int64)
-    return np.diff(edges)
+    whole: Numbers = np.diff(edges)
+    return whole
 
 
 def even_durations() -> Durations:

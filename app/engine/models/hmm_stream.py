@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
 from app.engine.models.hmm_context import COLUMNS, Labels, questions
-from app.engine.models.hmm_states import MOST, SLOTS, slots_of
+from app.engine.models.hmm_states import MOST, SLOTS, SPEECH, slots_of
 from app.engine.models.hmm_tree import Statistics, Tree, grow
+from app.engine.stored_arrays import StoredArrays
+from app.errors import BadPack
 
 Array = NDArray[np.float64]
 Numbers = NDArray[np.int64]
@@ -35,6 +38,11 @@ class Stream:
     trees: tuple[Tree, ...]
     mean: Array
     variance: Array
+
+    @property
+    def spoken(self) -> int:
+        """How many of the Gaussians are those of speech; the others are of silence."""
+        return sum(tree.leaves for tree in self.trees[:SPEECH])
 
     def rounded(self) -> Stream:
         """The same as it is stored, in float32."""
@@ -88,7 +96,11 @@ def gathered(contexts: Labels, states: Numbers, rows: Array, usable: Flags) -> G
     kept, place = np.unique(owner, return_inverse=True)
     picked = rows[usable]
     sums = csr_matrix((np.ones(len(place)), (place, np.arange(len(place)))), shape=(len(kept), len(place)))
-    statistics = Statistics(np.bincount(place, minlength=len(kept)).astype(np.float64), sums @ picked, sums @ picked**2)
+    statistics = Statistics(
+        np.bincount(place, minlength=len(kept)).astype(np.float64),
+        np.asarray(sums @ picked),
+        np.asarray(sums @ picked**2),
+    )
     return Gathered(unique, kept % SLOTS, kept // SLOTS, statistics, np.maximum(FLOOR * picked.var(0), 1e-10))
 
 
@@ -99,7 +111,9 @@ def grown(found: Gathered, *, penalty: float, columns: Sequence[int] = range(len
     for slot in range(SLOTS):
         mine = np.flatnonzero(found.slot == slot)
         trees.append(
-            grow(found.statistics.taken(mine), answers[:, found.context[mine]], found.floor, penalty=penalty, least=LEAST)
+            grow(
+                found.statistics.taken(mine), answers[:, found.context[mine]], found.floor, penalty=penalty, least=LEAST
+            )
         )
     return tuple(trees)
 
@@ -118,3 +132,45 @@ def tied(found: Gathered, trees: tuple[Tree, ...]) -> Stream:
         mean.append(np.where(empty, whole.total / whole.count, sums.total / count))
         variance.append(np.where(empty, whole.variance(found.floor), sums.variance(found.floor)))
     return Stream(trees, np.concatenate(mean), np.concatenate(variance))
+
+
+def stored_stream(stream: Stream, name: str) -> dict[str, NDArray[Any]]:
+    """Arrays of a stream, their names beginning with `name`; trees one after the other."""
+    return {
+        f"{name}_nodes": np.array([len(tree.question) for tree in stream.trees]),
+        f"{name}_question": np.concatenate([tree.question for tree in stream.trees]).astype(np.int16),
+        f"{name}_yes": np.concatenate([tree.yes for tree in stream.trees]).astype(np.int16),
+        f"{name}_no": np.concatenate([tree.no for tree in stream.trees]).astype(np.int16),
+        f"{name}_mean": stream.mean.astype(np.float32),
+        f"{name}_variance": stream.variance.astype(np.float32),
+    }
+
+
+def load_stream(stored: StoredArrays, name: str, size: int) -> Stream:
+    """The stream of `stored_stream`, with Gaussians of `size` dimensions.
+
+    Raises:
+        BadPack: they are not what they should be.
+        KeyError: one is missing.
+    """
+    nodes = _whole(stored, f"{name}_nodes", (SLOTS,))
+    question, yes, no = (_whole(stored, f"{name}_{part}", (int(nodes.sum()),)) for part in ("question", "yes", "no"))
+    trees = []
+    for first, count in zip(np.cumsum(nodes) - nodes, nodes, strict=True):
+        part = slice(first, first + count)
+        tree = Tree(question[part], yes[part], no[part], np.zeros(count))
+        if not tree.is_sound(len(questions().column)):
+            raise BadPack(f"{stored.where}: {name} holds a tree that is none")
+        trees.append(tree)
+    mean = stored.exact(f"{name}_mean", (sum(tree.leaves for tree in trees), size))
+    variance = stored.exact(f"{name}_variance", mean.shape)
+    if not (variance > 0).all():
+        raise BadPack(f"{stored.where}: {name}_variance is not positive")
+    return Stream(tuple(trees), mean, variance)
+
+
+def _whole(stored: StoredArrays, name: str, shape: tuple[int, ...]) -> Numbers:
+    numbers = stored.exact(name, shape)
+    if not (numbers == np.round(numbers)).all() or np.abs(numbers).max(initial=0) > 2**31:
+        raise BadPack(f"{stored.where}: {name} holds no whole numbers")
+    return numbers.astype(np.int64)

@@ -69,8 +69,8 @@ class Settings:
 
 HUSH = 2.0
 """Per cent of silence that is less loud than what is silence for certain."""
-HEARD_PENALTY = 1.0
-"""Of a split in the trees of what is heard: the minimum description length."""
+HEARD_PENALTY = 0.3
+"""Of a split in the trees of what is heard: larger ones than the minimum description length recognise more."""
 PLAIN_PENALTY = 1.0
 """Of a split in the trees without context that states are looked for with."""
 
@@ -96,9 +96,7 @@ class Observed:
     sure: Flags
 
 
-def observed(
-    spoken: Sequence[Spoken], heard: Sequence[Array | None], base: HmmTrajectory, lead: int
-) -> Observed:
+def observed(spoken: Sequence[Spoken], heard: Sequence[Array | None], base: HmmTrajectory, lead: int) -> Observed:
     """Rows of what was said; `heard` are those of each sound."""
     starts, labels, seen, sure = [np.zeros(1, np.int64)], [], [], []
     for each in spoken:

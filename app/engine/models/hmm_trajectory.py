@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from app.engine.models.hmm_context import QUIET, Labels, contexts, silences_joined
+from app.engine.models.hmm_context import QUIET, contexts, questions, silences_joined
 from app.engine.models.hmm_generation import generate
 from app.engine.models.hmm_recognition import Loop, row_likelihoods
 from app.engine.models.hmm_rows import ROWS, heard_rows, rows_of
-from app.engine.models.hmm_states import REST_SLOT, Durations, add_fits, align, slots_of
-from app.engine.models.hmm_stream import Stream
+from app.engine.models.hmm_states import Durations, add_fits, align, slots_of
+from app.engine.models.hmm_stream import Stream, stored_stream
 from app.engine.models.model import Input
 from app.engine.models.sound import Sound
 from app.speech import PHONES, SILENCE, Phone
@@ -27,6 +27,8 @@ Numbers = NDArray[np.int64]
 
 AFTER = ROWS
 """Rows made behind the last frame: where a trajectory breaks off, its dynamics are not known."""
+IMPOSSIBLE = 1e4
+"""Log likelihood that speech does not have where nothing is heard."""
 
 
 @dataclass(frozen=True)
@@ -100,7 +102,7 @@ class HmmTrajectory:
         precision = 1 / self.seen.variance[shown]
         precision[:, count:] *= self.dynamics
         made = generate(self.seen.mean[shown], precision, known)
-        return (made[-first :: ROWS][:frames] * self.scale + self.rest).astype(np.float32)
+        return (made[-first::ROWS][:frames] * self.scale + self.rest).astype(np.float32)
 
     def _known(self, before: Float | None) -> Array:
         """The last two rows (b, K) up to the last frame before, in standard deviations from rest."""
@@ -112,7 +114,7 @@ class HmmTrajectory:
         return np.stack([CubicSpline(np.arange(len(frames)), frames)(len(frames) - 1 - 1 / ROWS), frames[-1]])
 
     def _said(self, phones: Sequence[Phone]) -> tuple[Numbers, Numbers, int]:
-        """States of phones one after the other: what is seen in each, its rows, and the row at which the first begins."""
+        """States of phones: what is seen in each, its rows, and the row at which the first begins."""
         joined = silences_joined(phones)
         times = np.array([joined[0].start, *(phone.end for phone in joined)])
         edges = np.maximum.accumulate(np.ceil(times * (ROWS * self.fps) - 1e-6).astype(np.int64))
@@ -134,12 +136,31 @@ class HmmTrajectory:
         count = max(1, round(len(sound.samples) / sound.rate * rate))
         heard = heard_rows(sound, begin, count, self.fps)
         stream = self.hearing.stream
-        places, starts = self._loop.recognise(row_likelihoods(stream, heard))
+        sure = heard[:, 0] > self.hearing.hush
+        fits = row_likelihoods(stream, heard)
+        fits[~sure] = np.where(np.arange(fits.shape[1]) < stream.spoken, -IMPOSSIBLE, 0.0)
+        places, starts = self._loop.recognise(fits)
         labels = np.stack([np.append(QUIET, places[:-1]), places, np.append(places[1:], QUIET)], 1).astype(np.int16)
         counts = slots_of(labels)[1]
         states = self.durations.states(labels, np.diff(starts))
         fits = np.zeros((count, states.shape[1]))
-        usable = np.ones(count, bool)
-        add_fits(starts, counts, stream.leaves(labels), heard, usable, stream.mean, stream.variance, fits)
+        add_fits(starts, counts, stream.leaves(labels), heard, sure, stream.mean, stream.variance, fits)
         align(starts, counts, fits, states)
         return self.seen.leaves(labels).ravel(), states.ravel(), begin
+
+    def to_arrays(self) -> dict[str, NDArray[Any]]:
+        """See `app.engine.models.model.TrajectoryModel`; read again by `app.engine.models.hmm.HmmKind`."""
+        arrays = {
+            "phones": np.array(self.phones),
+            "questions": questions().yes.astype(np.uint8),
+            "duration_mean": self.durations.mean.astype(np.float32),
+            "duration_variance": self.durations.variance.astype(np.float32),
+            "scale": self.scale.astype(np.float32),
+            "rest": self.rest,
+            "settings": np.array([self.fps, self.lead, self.dynamics]),
+        } | stored_stream(self.seen, "seen")
+        if self.hearing is not None:
+            arrays |= stored_stream(self.hearing.stream, "heard") | {
+                "grammar": self.hearing.grammar.astype(np.float32), "hush": np.array([self.hearing.hush]),
+            }  # fmt: skip
+        return arrays

@@ -12,8 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from app.engine.models.hmm_context import Questions
-
 Array = NDArray[np.float64]
 Numbers = NDArray[np.int64]
 Flags = NDArray[np.bool_]
@@ -76,6 +74,13 @@ class Tree:
     def leaves(self) -> int:
         """How many."""
         return int((self.question < 0).sum())
+
+    def is_sound(self, asked: int) -> bool:
+        """Whether a walk from the first node always ends at a leaf, with this many questions to ask."""
+        leaf = self.question < 0
+        places = np.arange(len(leaf))
+        inner = (self.question < asked) & (np.minimum(self.yes, self.no) > places)
+        return len(leaf) > 0 and bool((leaf | (inner & (np.maximum(self.yes, self.no) < len(leaf)))).all())
 
     def leaf_numbers(self) -> Numbers:
         """(M,) number of each leaf among leaves; -1 elsewhere."""
