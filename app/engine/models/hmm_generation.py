@@ -16,66 +16,50 @@ WINDOW = np.array([[0.0, 1.0, 0.0], [-0.5, 0.0, 0.5], [1.0, -2.0, 1.0]])
 """Weights of the row before, the row itself, and the row after, for static, delta and delta-delta."""
 
 
-def generate(mean: Array, precision: Array, known: Array | None = None) -> Array:
+def generate(mean: Array, precision: Array) -> Array:
     """The rows C of eq. 10.
 
     Args:
         mean: (R, 3 K) mu: static, delta, delta-delta of each row.
         precision: (R, 3 K) the diagonal of U^-1; those of static features positive.
-        known: (b, K) what the first b rows are; the others go on from there.
 
     Returns:
-        (R, K), the known rows among them.
+        (R, K).
     """
     rows, wide = mean.shape
-    count = wide // 3
-    solution = np.zeros((rows, count))
-    fixed = 0 if known is None else min(len(known), rows)
-    if known is not None:
-        solution[:fixed] = known[:fixed]
-    if rows > fixed:
-        shape = (rows, 3, count)
-        _generate(
-            np.ascontiguousarray(mean).reshape(shape),
-            np.ascontiguousarray(precision).reshape(shape),
-            fixed,
-            WINDOW,
-            solution,
-        )
+    solution = np.zeros((rows, wide // 3))
+    shape = (rows, 3, wide // 3)
+    _generate(
+        np.ascontiguousarray(mean).reshape(shape), np.ascontiguousarray(precision).reshape(shape), WINDOW, solution
+    )  # fmt: skip
     return solution
 
 
 @nb.njit(cache=True, nogil=True)
-def _generate(mean: Array, precision: Array, fixed: int, window: Array, solution: Array) -> None:
-    """Fill `solution` (R, K) from row `fixed` on; `mean` and `precision` are (R, 3, K).
+def _generate(mean: Array, precision: Array, window: Array, solution: Array) -> None:
+    """Fill `solution` (R, K) with zeros in it; `mean` and `precision` are (R, 3, K).
 
     A dynamic feature whose window leaves the rows says nothing.
     """
     rows, _, count = mean.shape
-    band = np.zeros((rows, 3, count))  # [t, i]: element (t, t - i)
-    for t in range(max(0, fixed - 1), rows):
+    band = np.zeros((rows, 3, count))  # [t, i]: element (t, t - i) of the matrix, then of its Cholesky factor
+    for t in range(rows):
         for w in range(3):
             if w > 0 and (t == 0 or t + 1 >= rows):
                 continue
             for i in range(3):
-                a = t + i - 1
-                if window[w, i] == 0.0 or a < fixed:
+                if window[w, i] == 0.0:
                     continue
+                row = t + i - 1
                 for k in range(count):
-                    solution[a, k] += window[w, i] * precision[t, w, k] * mean[t, w, k]
-                for j in range(3):
-                    b = t + j - 1
+                    solution[row, k] += window[w, i] * precision[t, w, k] * mean[t, w, k]
+                for j in range(i + 1):
                     weight = window[w, i] * window[w, j]
-                    if weight == 0.0 or b > a:
-                        continue
-                    if b < fixed:
+                    if weight != 0.0:
                         for k in range(count):
-                            solution[a, k] -= weight * precision[t, w, k] * solution[b, k]
-                    else:
-                        for k in range(count):
-                            band[a, a - b, k] += weight * precision[t, w, k]
-    for t in range(fixed, rows):
-        reach = min(2, t - fixed)
+                            band[row, i - j, k] += weight * precision[t, w, k]
+    for t in range(rows):
+        reach = min(2, t)
         for i in range(reach, -1, -1):
             for k in range(count):
                 value = band[t, i, k]
@@ -87,7 +71,7 @@ def _generate(mean: Array, precision: Array, fixed: int, window: Array, solution
             for i in range(1, reach + 1):
                 value -= band[t, i, k] * solution[t - i, k]
             solution[t, k] = value / band[t, 0, k]
-    for t in range(rows - 1, fixed - 1, -1):
+    for t in range(rows - 1, -1, -1):
         for k in range(count):
             value = solution[t, k]
             for i in range(1, min(2, rows - 1 - t) + 1):

@@ -22,6 +22,8 @@ Numbers = NDArray[np.int64]
 
 SHARPNESS = 0.1
 """Of likelihoods of rows: neighbours hear nearly the same and do not count whole (found on sentences left out)."""
+BEAM = 25.0
+"""Of log likelihood, with `SHARPNESS`: phones that are less likely than the best by more are given up."""
 NEVER = 1e-30
 """Likelihood of what cannot be."""
 BELIEF = 1.0
@@ -93,11 +95,12 @@ class Loop:
             unique[:, 2:].copy(), np.log(1 - 1 / lasting), np.log(1 / lasting),
         )  # fmt: skip
 
-    def recognise(self, fits: Array) -> tuple[Numbers, Numbers]:
+    def recognise(self, fits: Array, *, beam: float = BEAM) -> tuple[Numbers, Numbers]:
         """The most likely phones.
 
         Args:
             fits: (R, L) log likelihood of each row under each Gaussian, R at least 1.
+            beam: how much less likely than the best one a phone may be; infinite: the search is exact.
 
         Returns:
             (N,) places in `PHONES`, and (N + 1,) the row at which each begins, and R.
@@ -108,7 +111,7 @@ class Loop:
         last = np.zeros(2, np.int64)
         _search(
             np.ascontiguousarray(fits) * SHARPNESS, self.grammar, self.nodes, self.pairs, self.counts, self.leaves,
-            self.stay, self.leave, came, since, last,
+            self.stay, self.leave, beam, came, since, last,
         )  # fmt: skip
         node, begin = int(last[0]), int(last[1])
         said, begins = [], [rows]
@@ -133,29 +136,35 @@ def row_likelihoods(stream: Stream, rows: Array) -> Array:
 @nb.njit(cache=True, nogil=True)
 def _search(
     fits: Array, grammar: Array, nodes: Numbers, pairs: Numbers, counts: Numbers, leaves: Numbers, stay: Array,
-    leave: Array, came: Numbers, since: Numbers, last: Numbers,
+    leave: Array, beam: float, came: Numbers, since: Numbers, last: Numbers,
 ) -> None:  # fmt: skip
     """Fill `came` (R, P P): the node before that entered a pair at a row, `since` when that began, and the `last`."""
     rows, size, many = fits.shape[0], grammar.shape[0], len(pairs)
     best = np.full((many, MOST), -np.inf)
     begun = np.zeros((many, MOST), np.int64)
-    out = np.full(many, -np.inf)
+    alive = np.zeros(many, np.bool_)
     enter = np.zeros(size * size)
+    least = -np.inf  # what is not alive has less than that
     for t in range(rows):
         if t > 0:
-            for node in range(many):
-                out[node] = best[node, counts[node] - 1] + leave[node, counts[node] - 1]
-            for c in range(size):
-                for r in range(size):
-                    top, chosen = -np.inf, 0
-                    for b in range(size):
-                        value = out[nodes[b, c, r]] + grammar[b, c, r]
-                        if value > top:
-                            top, chosen = value, nodes[b, c, r]
-                    enter[c * size + r] = top
-                    came[t, c * size + r] = chosen
-                    since[t, c * size + r] = begun[chosen, counts[chosen] - 1]
+            enter[:] = -np.inf
+            for b in range(size):
+                for c in range(size):
+                    for r in range(size):
+                        node = nodes[b, c, r]
+                        if not alive[node]:
+                            continue
+                        state = counts[node] - 1
+                        value = best[node, state] + leave[node, state] + grammar[b, c, r]
+                        if value > enter[c * size + r]:
+                            enter[c * size + r] = value
+                            came[t, c * size + r] = node
+                            since[t, c * size + r] = begun[node, state]
+        top = -np.inf
         for node in range(many):
+            if not alive[node] and enter[pairs[node]] <= least:
+                continue
+            highest = -np.inf
             for s in range(counts[node] - 1, -1, -1):
                 value, begin = best[node, s] + stay[node, s], begun[node, s]
                 if s == 0:
@@ -165,6 +174,14 @@ def _search(
                     value, begin = best[node, s - 1] + leave[node, s - 1], begun[node, s - 1]
                 best[node, s] = value + fits[t, leaves[node, s]]
                 begun[node, s] = begin
+                highest = max(highest, best[node, s])
+            alive[node] = True
+            top = max(top, highest)
+        least = top - beam
+        for node in range(many):
+            if alive[node] and best[node].max() < least:
+                alive[node] = False
+                best[node] = -np.inf
     top = -np.inf
     for node in range(many):
         for s in range(counts[node]):

@@ -31,7 +31,7 @@ from app.engine.models.hmm_stream import Gathered, Stream, gathered, grown, tied
 from app.engine.models.hmm_trajectory import Hearing, HmmTrajectory
 from app.engine.models.hmm_tree import Tree
 from app.engine.models.model import Spoken
-from app.speech import PHONES, SILENCE
+from app.speech import PHONES, SILENCE, Phone
 
 Float = NDArray[np.float32]
 Array = NDArray[np.float64]
@@ -101,7 +101,7 @@ def observed(spoken: Sequence[Spoken], heard: Sequence[Array | None], base: HmmT
     starts, labels, seen, sure = [np.zeros(1, np.int64)], [], [], []
     for each in spoken:
         rows = rows_of(len(each.counted))
-        phones = silences_joined(each.phones)
+        phones = silences_joined(each.phones) or [Phone(SILENCE, 0.0, len(each.counted) / base.fps)]
         starts.append(starts[-1][-1] + phone_rows(phones, 0, rows, ROWS * base.fps)[1:])
         labels.append(contexts(phones, base.phones))
         one, counts = seen_rows((each.coefficients - base.rest) / base.scale, each.counted, -lead, rows)

@@ -9,13 +9,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
-from app.engine.models.hmm_context import QUIET, contexts, questions, silences_joined
+from app.engine.models.hmm_context import QUIET, Labels, contexts, questions, silences_joined
 from app.engine.models.hmm_generation import generate
 from app.engine.models.hmm_recognition import Loop, row_likelihoods
 from app.engine.models.hmm_rows import ROWS, heard_rows, rows_of
-from app.engine.models.hmm_states import Durations, add_fits, align, slots_of
+from app.engine.models.hmm_states import MOST, Durations, add_fits, align, slots_of
 from app.engine.models.hmm_stream import Stream, stored_stream
 from app.engine.models.model import Input
 from app.engine.models.sound import Sound
@@ -27,6 +26,12 @@ Numbers = NDArray[np.int64]
 
 AFTER = ROWS
 """Rows made behind the last frame: where a trajectory breaks off, its dynamics are not known."""
+REST_AFTER = 1.0
+"""Seconds from speech at which the mouth is at rest: talkers open it long before they begin, and close it slowly."""
+BEFORE = 4
+"""Frames before that a trajectory goes on from."""
+CERTAIN = 1e8
+"""Precision of what was shown already."""
 IMPOSSIBLE = 1e4
 """Log likelihood that speech does not have where nothing is heard."""
 
@@ -44,6 +49,39 @@ class Hearing:
     stream: Stream
     grammar: Array
     hush: float
+
+
+@dataclass(frozen=True)
+class Passed:
+    """States one after the other.
+
+    Attributes:
+        contexts: (N, 3) of the phones.
+        leaves: (N, MOST) what is seen in each state.
+        lasting: (N, MOST) its rows.
+        begin: row at which the first phone begins.
+    """
+
+    contexts: Labels
+    leaves: Numbers
+    lasting: Numbers
+    begin: int
+
+    def at(self, rows: Numbers, rest_after: int) -> tuple[Numbers, NDArray[np.bool_]]:
+        """What is seen in each of some rows, and which of them are so many rows from all speech: the mouth rests.
+
+        The first state reaches back to any row, the last one on to any.
+        """
+        lasting = self.lasting.ravel()
+        ends = self.begin + np.cumsum(lasting)
+        last = int(np.flatnonzero(lasting)[-1]) if lasting.any() else 0
+        state = np.minimum(np.searchsorted(ends, rows, side="right"), last)
+        phone = state // MOST
+        closes = ends.reshape(-1, MOST)[:, -1]
+        opens = closes - self.lasting.sum(1)
+        last_spoke, speaks, next_speaks = self.contexts[phone].T != QUIET
+        near = (last_spoke & (rows < opens[phone] + rest_after)) | (next_speaks & (rows >= closes[phone] - rest_after))
+        return self.leaves.ravel()[state], ~(speaks | near)
 
 
 @dataclass(frozen=True)
@@ -85,42 +123,37 @@ class HmmTrajectory:
         """See `app.engine.models.model.TrajectoryModel`; where phones are known, the sound does not matter."""
         if frames <= 0:
             return np.zeros((0, len(self.rest)), np.float32)
-        known = self._known(before)
-        # The last frame before is row -ROWS.
-        first = -(len(known) + ROWS - 1) if len(known) else 0
+        known = self._standard(before)
+        first = -ROWS * len(known)
         rows = first + np.arange(rows_of(frames) + AFTER - first)
         if phones:
-            leaves, lasting, begin = self._said(phones)
+            passed = self._said(phones)
         elif sound is not None and self.hearing is not None and len(sound.heard):
-            leaves, lasting, begin = self._heard(sound)
+            passed = self._heard(sound)
         else:
-            leaves, lasting, begin = self._said([Phone(SILENCE, 0.0, frames / self.fps)])
-        ends = begin + np.cumsum(lasting)
-        last = int(np.flatnonzero(lasting)[-1]) if lasting.any() else len(lasting) - 1
-        shown = leaves[np.minimum(np.searchsorted(ends, rows + self.lead, side="right"), last)]
+            passed = self._said([Phone(SILENCE, 0.0, frames / self.fps)])
+        shown, resting = passed.at(rows + self.lead, round(REST_AFTER * ROWS * self.fps))
         count = len(self.rest)
-        precision = 1 / self.seen.variance[shown]
+        mean, precision = self.seen.mean[shown], 1 / self.seen.variance[shown]
+        mean[resting] = 0.0
         precision[:, count:] *= self.dynamics
-        made = generate(self.seen.mean[shown], precision, known)
+        mean[:-first:ROWS, :count], precision[:-first:ROWS, :count] = known, CERTAIN
+        made = generate(mean, precision)
         return (made[-first::ROWS][:frames] * self.scale + self.rest).astype(np.float32)
 
-    def _known(self, before: Float | None) -> Array:
-        """The last two rows (b, K) up to the last frame before, in standard deviations from rest."""
-        if before is None or not len(before):
-            return np.zeros((0, len(self.rest)))
-        frames = (before[-4:].astype(np.float64) - self.rest) / self.scale
-        if len(frames) == 1:
-            return frames
-        return np.stack([CubicSpline(np.arange(len(frames)), frames)(len(frames) - 1 - 1 / ROWS), frames[-1]])
+    def _standard(self, before: Float | None) -> Array:
+        """(b, K) the last frames before that matter, in standard deviations from rest."""
+        frames = np.zeros((0, len(self.rest))) if before is None else before[-BEFORE:].astype(np.float64)
+        return (frames - self.rest) / self.scale
 
-    def _said(self, phones: Sequence[Phone]) -> tuple[Numbers, Numbers, int]:
-        """States of phones: what is seen in each, its rows, and the row at which the first begins."""
+    def _said(self, phones: Sequence[Phone]) -> Passed:
+        """States of phones."""
         joined = silences_joined(phones)
         times = np.array([joined[0].start, *(phone.end for phone in joined)])
         edges = np.maximum.accumulate(np.ceil(times * (ROWS * self.fps) - 1e-6).astype(np.int64))
         labels = contexts(joined, self.phones)
         lasting = self.durations.states(labels, np.diff(edges))
-        return self.seen.leaves(labels).ravel(), lasting.ravel(), int(edges[0])
+        return Passed(labels, self.seen.leaves(labels), lasting, int(edges[0]))
 
     @cached_property
     def _loop(self) -> Loop:
@@ -128,7 +161,7 @@ class HmmTrajectory:
         places = np.array([PHONES.index(symbol) for symbol in self.phones])
         return Loop.of(self.hearing.stream, self.durations, places, self.hearing.grammar)
 
-    def _heard(self, sound: Sound) -> tuple[Numbers, Numbers, int]:
+    def _heard(self, sound: Sound) -> Passed:
         """The same from the sound: the best phones, and the best states in them."""
         assert self.hearing is not None
         rate = ROWS * self.fps
@@ -146,7 +179,7 @@ class HmmTrajectory:
         fits = np.zeros((count, states.shape[1]))
         add_fits(starts, counts, stream.leaves(labels), heard, sure, stream.mean, stream.variance, fits)
         align(starts, counts, fits, states)
-        return self.seen.leaves(labels).ravel(), states.ravel(), begin
+        return Passed(labels, self.seen.leaves(labels), states, begin)
 
     def to_arrays(self) -> dict[str, NDArray[Any]]:
         """See `app.engine.models.model.TrajectoryModel`; read again by `app.engine.models.hmm.HmmKind`."""
