@@ -58,8 +58,7 @@ class HmmKind:
         hearing = None
         if "grammar" in stored.arrays:
             grammar = stored.exact("grammar", (len(phones),) * 3)
-            hush = float(stored.exact("hush", (1,))[0])
-            hearing = Hearing(load_stream(stored, "heard", HEARD), grammar, hush)
+            hearing = Hearing(load_stream(stored, "heard", HEARD), grammar)
         return HmmTrajectory(
             phones, load_stream(stored, "seen", WINDOWS * len(rest)), durations, hearing, scale, rest, fps, int(lead),
             dynamics,

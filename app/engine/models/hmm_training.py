@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.engine.metrics import trajectory_scores
-from app.engine.models.hmm_context import QUIET, THIS, Labels, contexts, silences_joined
+from app.engine.models.hmm_context import THIS, Labels, contexts, silences_joined
 from app.engine.models.hmm_recognition import phone_grammar
 from app.engine.models.hmm_rows import ROWS, heard_rows, rows_of, seen_rows
 from app.engine.models.hmm_states import (
@@ -30,6 +30,7 @@ from app.engine.models.hmm_states import (
 from app.engine.models.hmm_stream import Gathered, Stream, gathered, grown, tied
 from app.engine.models.hmm_trajectory import Hearing, HmmTrajectory
 from app.engine.models.hmm_tree import Tree
+from app.engine.models.mfcc import FILTERS
 from app.engine.models.model import Spoken
 from app.speech import PHONES, SILENCE, Phone
 
@@ -67,8 +68,8 @@ class Settings:
     dynamics: float = 1.0
 
 
-HUSH = 2.0
-"""Per cent of silence that is less loud than what is silence for certain."""
+LEVEL = 12.0
+"""dB: standard deviation of how much louder than in the recording somebody may speak."""
 HEARD_PENALTY = 0.3
 """Of a split in the trees of what is heard: larger ones than the minimum description length recognise more."""
 PLAIN_PENALTY = 1.0
@@ -165,11 +166,11 @@ def grow_all(data: Observed, base: HmmTrajectory, penalty: float, *, hear: bool)
     hearing = None
     if data.heard is not None and hear:
         found = gathered(data.contexts, states, data.heard, np.ones(len(data.heard), bool))
-        stream = tied(found, grown(found, penalty=HEARD_PENALTY)).rounded()
+        stream = tied(found, grown(found, penalty=HEARD_PENALTY))
+        # Nobody knows how loud live sound will be: loudness tells less than in the recording.
+        stream.variance[:, 0] += (LEVEL / 10 * np.log(10)) ** 2 * FILTERS
         places = np.array([PHONES.index(symbol) for symbol in base.phones])
-        silent = np.repeat(data.contexts[:, THIS] == QUIET, np.diff(data.starts))
-        hush = float(np.percentile(data.heard[silent, 0], HUSH)) if silent.any() else -1e9
-        hearing = Hearing(stream, phone_grammar(data.contexts, places), hush)
+        hearing = Hearing(stream.rounded(), phone_grammar(data.contexts, places))
     return Grown(durations, seen, grown(seen, penalty=penalty), hearing)
 
 

@@ -16,6 +16,7 @@ from app.engine.models.hmm_recognition import Loop, row_likelihoods
 from app.engine.models.hmm_rows import ROWS, heard_rows, rows_of
 from app.engine.models.hmm_states import MOST, Durations, add_fits, align, slots_of
 from app.engine.models.hmm_stream import Stream, stored_stream
+from app.engine.models.mfcc import FILTERS, FLOOR
 from app.engine.models.model import Input
 from app.engine.models.sound import Sound
 from app.speech import PHONES, SILENCE, Phone
@@ -32,6 +33,8 @@ BEFORE = 4
 """Frames before that a trajectory goes on from."""
 CERTAIN = 1e8
 """Precision of what was shown already."""
+HUSH = float((np.log(FLOOR) + 1.0) * np.sqrt(FILTERS))
+"""Loudness (the first of the MFCC) hardly above that of no sound at all: silence for certain."""
 IMPOSSIBLE = 1e4
 """Log likelihood that speech does not have where nothing is heard."""
 
@@ -43,12 +46,10 @@ class Hearing:
     Attributes:
         stream: tied states of what is heard.
         grammar: (P, P, P) of the trained phones, see `app.engine.models.hmm_recognition.phone_grammar`.
-        hush: loudness (the first of the MFCC) below which there is silence for certain.
     """
 
     stream: Stream
     grammar: Array
-    hush: float
 
 
 @dataclass(frozen=True)
@@ -169,7 +170,7 @@ class HmmTrajectory:
         count = max(1, round(len(sound.samples) / sound.rate * rate))
         heard = heard_rows(sound, begin, count, self.fps)
         stream = self.hearing.stream
-        sure = heard[:, 0] > self.hearing.hush
+        sure = heard[:, 0] > HUSH
         fits = row_likelihoods(stream, heard)
         fits[~sure] = np.where(np.arange(fits.shape[1]) < stream.spoken, -IMPOSSIBLE, 0.0)
         places, starts = self._loop.recognise(fits)
@@ -193,7 +194,6 @@ class HmmTrajectory:
             "settings": np.array([self.fps, self.lead, self.dynamics]),
         } | stored_stream(self.seen, "seen")
         if self.hearing is not None:
-            arrays |= stored_stream(self.hearing.stream, "heard") | {
-                "grammar": self.hearing.grammar.astype(np.float32), "hush": np.array([self.hearing.hush]),
-            }  # fmt: skip
+            arrays |= stored_stream(self.hearing.stream, "heard")
+            arrays["grammar"] = self.hearing.grammar.astype(np.float32)
         return arrays
