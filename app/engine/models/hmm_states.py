@@ -98,7 +98,8 @@ def shared_rows(mean: Array, variance: Array, length: int) -> Numbers:
             rows[longer] = wanted[longer]
             break
         longer &= ~short
-    edges = np.round(np.append(0.0, np.cumsum(rows)) * (length / rows.sum())).astype(np.int64)
+    # Halves always go up: to even numbers, two edges a row apart could meet.
+    edges = np.floor(np.append(0.0, np.cumsum(rows)) * (length / rows.sum()) + 0.5).astype(np.int64)
     whole: Numbers = np.diff(edges)
     return whole
 
