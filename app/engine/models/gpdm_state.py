@@ -42,20 +42,25 @@ class Space:
         """(m, D) outputs at latent points: eq. 14."""
         return self.process.mean(points) / self.scale + self.centre
 
-    def cost(self, points: Array, outputs: Array) -> tuple[float, Array]:
-        """-log p(outputs | points) without constants, and its derivative by the points (m, q); outputs are scaled."""
-        return surprise(self.process, points, outputs)[:2]
 
 
-def surprise(process: Posterior, points: Array, outputs: Array) -> tuple[float, Array, Array]:
-    """-log p(outputs | points) without constants, with its derivatives by points (m, q) and outputs (m, D)."""
+def surprise(process: Posterior, points: Array, outputs: Array, more: float = 0.0) -> tuple[float, Array, Array]:
+    """-log p(outputs | points) without constants, with its derivatives by points (m, q) and outputs (m, D).
+
+    Args:
+        process: that says the outputs.
+        points: (m, q).
+        outputs: (m, D), scaled.
+        more: variance, if the outputs are further off than the process knows.
+    """
     said = process.at(points)
+    variance = said.variance + more
     missed = outputs - said.mean
     squared = (missed * missed).sum(1)
     count = outputs.shape[1]
-    cost = 0.5 * float((count * np.log(said.variance) + squared / said.variance).sum())
-    by_outputs = missed / said.variance[:, None]
-    by_variance = 0.5 * (count - squared / said.variance) / said.variance
+    cost = 0.5 * float((count * np.log(variance) + squared / variance).sum())
+    by_outputs = missed / variance[:, None]
+    by_variance = 0.5 * (count - squared / variance) / variance
     return cost, said.back(-by_outputs, by_variance), by_outputs
 
 
@@ -78,6 +83,7 @@ class State:
     dynamics: Posterior | None
     first: Array
     spread: Array
+    motion: float
 
     @staticmethod
     def of(trained: Trained, heard: Array, seen: Array, begins: NDArray[np.bool_]) -> State:
@@ -98,9 +104,12 @@ class State:
         after = np.flatnonzero(~begins)
         dynamics = Posterior.of(DYNAMICS, points[after - 1], points[after]) if len(after) else None
         starts = points[begins]
+        moved = np.diff(seen, axis=0)[~begins[1:]] * trained.sight_scale
+        motion = float(np.mean(moved**2)) if len(moved) else 1.0
         return State(
-            points, heard, spaces[0], spaces[1], dynamics, starts.mean(0), np.maximum(starts.var(0), LEAST_SPREAD)
-        )
+            points, heard, spaces[0], spaces[1], dynamics, starts.mean(0), np.maximum(starts.var(0), LEAST_SPREAD),
+            motion,
+        )  # fmt: skip
 
     def optimised(self, heard: Array | None, frames: int, last: Array | None) -> Array:
         """Latent points of a stretch by algorithm 1: a point or a sequence, optimised as a whole.
@@ -156,7 +165,7 @@ class Stretched:
         moved = np.zeros_like(points)
         moved[0] = away / state.spread
         if self.heard is not None:
-            more, by = state.sound.cost(points, state.sound.scaled(self.heard))
+            more, by, _ = surprise(state.sound.process, points, state.sound.scaled(self.heard))
             cost, moved = cost + more, moved + by
         if state.dynamics is not None and len(points) > 1:
             more, by_before, by_after = surprise(state.dynamics, points[:-1], points[1:])
@@ -164,7 +173,7 @@ class Stretched:
             moved[:-1] += by_before
             moved[1:] += by_after
         if self.last is not None:
-            more, by = state.sight.cost(points[:1], state.sight.scaled(self.last[None]))
+            more, by, _ = surprise(state.sight.process, points[:1], state.sight.scaled(self.last[None]), state.motion)
             cost += more
             moved[:1] += by
         return cost, moved.ravel()

@@ -22,6 +22,8 @@ FIRST = Kernel(radial=0.5, inverse_width=0.2, linear=0.1, noise=0.5)
 LOOSENESS = 1.0
 """Deviation of the logarithm of each of the kernel's numbers from where it begins, as far as we know beforehand: few
 frames cannot tell them."""
+FARTHEST = 16.0
+"""Logarithm of a kernel's number, up or down, behind which nothing is looked for."""
 PRIOR_FRAMES = 5.0
 """Frames that the prior of each output's scale, W of eq. 5, counts as."""
 
@@ -96,6 +98,8 @@ class Likelihood:
             variables: latent points (n, LATENT) row by row, then the logarithms of sound's and of sight's kernel.
         """
         points = variables[:-8].reshape(len(self.sound), LATENT)
+        if np.abs(variables[-8:]).max() > FARTHEST:
+            raise np.linalg.LinAlgError("a kernel is out of range")
         cost = 0.0
         moved = np.zeros_like(points)
         logarithms = np.zeros(8)

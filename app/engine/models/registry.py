@@ -23,6 +23,8 @@ KINDS: Plugins[Kind] = Plugins(
         DEFAULT: ("app.engine.models.gaussian", "GaussianKind"),
         "hmm": ("app.engine.models.hmm", "HmmKind"),
         "phone-mean": ("app.engine.models.phone_mean", "PhoneMeanKind"),
+        "vlmm-gpdm": ("app.engine.models.gpdm_kinds", "VlmmGpdmKind"),
+        "phone-gpdm": ("app.engine.models.gpdm_kinds", "PhoneGpdmKind"),
     },
     protocol=Kind,
     broken=BadPack,

@@ -8,7 +8,7 @@ it cuts the sentence into stretches, each of which is one of the strings.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -80,15 +80,23 @@ class Vlmm:
             states.append(state)
         return states
 
-    def stretches(self, labels: Sequence[str]) -> list[Stretch]:
+    def stretches(
+        self, labels: Sequence[str], usable: Callable[[int], bool] = lambda state: True
+    ) -> list[Stretch]:
         """Non-overlapping states by tracking back from the last label (4.2.1), the first stretch first.
 
         The last state takes as many frames as it remembers labels, the state of the frame before these as many as it
         remembers, and so on. No state reaches back beyond the first frame, as none remembers what was not traversed.
+
+        Args:
+            labels: one a frame.
+            usable: says of a state whether it may be taken; if not, its parent is asked. Single labels always may.
         """
         states, found, stop = self.traverse(labels), [], len(labels)
         while stop > 0:
             state = states[stop - 1]
+            while len(self.contexts[state]) > 1 and not usable(state):
+                state = self.parent(state)
             start = stop - len(self.contexts[state])
             found.append(Stretch(state, start, stop))
             stop = start
