@@ -24,6 +24,7 @@ KINDS: Plugins[Kind] = Plugins(
         "hmm": ("app.engine.models.hmm", "HmmKind"),
         "phone-mean": ("app.engine.models.phone_mean", "PhoneMeanKind"),
         "vlmm-gpdm": ("app.engine.models.gpdm_kinds", "VlmmGpdmKind"),
+        "voice-puppetry": ("app.engine.models.voice_puppetry_training", "VoicePuppetryKind"),
         "phone-gpdm": ("app.engine.models.gpdm_kinds", "PhoneGpdmKind"),
     },
     protocol=Kind,
