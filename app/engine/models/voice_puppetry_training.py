@@ -20,7 +20,7 @@ Float = NDArray[np.float32]
 
 PASSES = 20
 """Of expectation and maximisation."""
-SIZES = (12, 24, 48, 96)
+SIZES = (24, 48, 96)
 """Numbers of states that are tried on sentences left out."""
 FRAMES_A_STATE = 20
 """Fewer on average: so many states are not tried."""
