@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from app.engine.models.gpdm_process import Kernel
 from app.engine.models.gpdm_training import Likelihood, Trained, train
 from app.engine.models.labels import frame_phones
 from app.engine.models.mfcc import RATE
@@ -70,7 +70,9 @@ def prepare(spoken: Sequence[Spoken], rest: Float, fps: float) -> Corpus:
     labels = common_labels(spoken, fps)
     if sum(row.count(SILENCE) for row in labels) < LEAST_FRAMES:
         count = 2 * LONGEST
-        spoken.append(Spoken((), np.tile(rest, (count, 1)), np.ones(count, bool), Sound(np.zeros(RATE, np.float32), RATE)))
+        spoken.append(
+            Spoken((), np.tile(rest, (count, 1)), np.ones(count, bool), Sound(np.zeros(RATE, np.float32), RATE))
+        )
         labels.append([SILENCE] * count)
     counted = np.concatenate([each.counted for each in spoken])
     lengths = [len(each.counted) for each in spoken]
@@ -103,7 +105,7 @@ def remove_means(seen: Array, labels: Sequence[Sequence[str]], starts: Index, co
         if (these & counted).any():
             expected[these] = seen[these & counted].mean(0)
     result = seen.copy()
-    for start, stop in zip(starts, starts[1:], strict=False):
+    for start, stop in pairwise(starts):
         inside = np.zeros(len(seen), bool)
         inside[start:stop] = counted[start:stop]
         if inside.any():
@@ -226,16 +228,14 @@ def _learn(
         begins = np.concatenate([np.arange(len(window)) == 0 for window in chosen])
         heard, seen = (pool[rows].astype(np.float64) for pool in (corpus.heard, corpus.seen))
         after = np.flatnonzero(~begins)
-        likelihood = Likelihood(
-            heard - heard.mean(0), seen - seen.mean(0), after - 1, after, np.flatnonzero(begins)
-        )
+        likelihood = Likelihood(heard - heard.mean(0), seen - seen.mean(0), after - 1, after, np.flatnonzero(begins))
         yield Learnt(rows, begins, rounded(train(likelihood, steps=steps, rng=np.random.default_rng([seed, state]))))
 
 
 def rounded(trained: Trained) -> Trained:
     """As it is stored: a model speaks alike before and after."""
-    points, *scales = (
+    points, sound, sight = (
         each.astype(np.float32).astype(np.float64)
         for each in (trained.points, trained.sound_scale, trained.sight_scale)
     )
-    return Trained(points, Kernel(*trained.sound), Kernel(*trained.sight), *scales, trained.cost)
+    return replace(trained, points=points, sound_scale=sound, sight_scale=sight)

@@ -42,7 +42,7 @@ class PhoneGpdmKind:
     name = "phone-gpdm"
     version = 1
     hears = True
-    least = 15.0
+    least = 10.0
     most = 200
     """Frames that a state learns from."""
 
@@ -164,7 +164,9 @@ def load_gpdm(name: str, stored: StoredArrays) -> SwitchingGpdm:
         raise BadPack(f"{stored.where}: frames and states of the dynamical models do not belong together")
     if vlmm is not None and not (counts[[vlmm.number[token,] for token in tokens]] > 0).all():
         raise BadPack(f"{stored.where}: a phone has no dynamical model")
-    if not ((kernels > 0).all() and (scales > 0).all() and (heard_scaling[1] > 0).all() and (seen_scaling[1] > 0).all()):
+    if not (
+        (kernels > 0).all() and (scales > 0).all() and (heard_scaling[1] > 0).all() and (seen_scaling[1] > 0).all()
+    ):
         raise BadPack(f"{stored.where}: kernels or scales of the dynamical models are not positive")
     split = np.split(np.arange(total), np.cumsum(counts)[:-1])
     numbers = np.cumsum(counts > 0) - 1

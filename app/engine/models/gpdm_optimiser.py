@@ -15,9 +15,7 @@ PROBE = 1e-4
 LEAST_SCALE, MOST_SCALE = 1e-15, 1e20
 
 
-def minimise(
-    objective: Objective, start: Array, *, steps: int, enough: float = 1e-6
-) -> tuple[Array, float]:
+def minimise(objective: Objective, start: Array, *, steps: int, enough: float = 1e-6) -> tuple[Array, float]:
     """Go downhill from a point; no line searches, two gradients a step.
 
     Args:

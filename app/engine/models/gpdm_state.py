@@ -1,4 +1,4 @@
-"""One switching state at work: latent points from what is heard, and mouths from latent points (Deena 2010, 4.2.2-3)."""
+"""One switching state at work: latent points from what is heard, and mouths from latent points (Deena 2010, 4.2.2)."""
 
 from __future__ import annotations
 
@@ -41,7 +41,6 @@ class Space:
     def mean(self, points: Array) -> Array:
         """(m, D) outputs at latent points: eq. 14."""
         return self.process.mean(points) / self.scale + self.centre
-
 
 
 def surprise(process: Posterior, points: Array, outputs: Array, more: float = 0.0) -> tuple[float, Array, Array]:

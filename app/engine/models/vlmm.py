@@ -80,9 +80,7 @@ class Vlmm:
             states.append(state)
         return states
 
-    def stretches(
-        self, labels: Sequence[str], usable: Callable[[int], bool] = lambda state: True
-    ) -> list[Stretch]:
+    def stretches(self, labels: Sequence[str], usable: Callable[[int], bool] | None = None) -> list[Stretch]:
         """Non-overlapping states by tracking back from the last label (4.2.1), the first stretch first.
 
         The last state takes as many frames as it remembers labels, the state of the frame before these as many as it
@@ -90,12 +88,13 @@ class Vlmm:
 
         Args:
             labels: one a frame.
-            usable: says of a state whether it may be taken; if not, its parent is asked. Single labels always may.
+            usable: says of a state whether it may be taken, by itself all; if not, its parent is asked. Single labels
+                always may.
         """
         states, found, stop = self.traverse(labels), [], len(labels)
         while stop > 0:
             state = states[stop - 1]
-            while len(self.contexts[state]) > 1 and not usable(state):
+            while usable is not None and len(self.contexts[state]) > 1 and not usable(state):
                 state = self.parent(state)
             start = stop - len(self.contexts[state])
             found.append(Stretch(state, start, stop))
@@ -164,4 +163,4 @@ def _followers(counts: Counter[Context], tokens: Sequence[str]) -> dict[Context,
 
 
 def _distribution(counts: Array) -> Array:
-    return counts / max(counts.sum(), 1e-300)
+    return np.asarray(counts / max(counts.sum(), 1e-300))

@@ -2,7 +2,8 @@
 
 A Markov model is learnt from mouths and their velocities, with Brand's entropic prior on its transitions. Each state is
 then given the sounds that occurred with it. To speak, the states are found in the sound, and the mouths are those that
-are the most likely under the states' positions and velocities.
+are the most likely under the states' positions and velocities. Brand takes the one most probable path of states; here
+every state counts by its probability, which is better throughout.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from app.engine.models.model import Input, Spoken
+from app.engine.models.model import Input
 from app.engine.models.sound import Sound
 from app.speech import Phone
 
@@ -23,6 +24,10 @@ Float = NDArray[np.float32]
 
 FLOOR = 0.02
 """Least variance of a state, where the whole recording has 1."""
+
+
+LEAST_COUNT = 1e-9
+"""Of transitions; fewer are none."""
 
 
 @dataclass(frozen=True)
@@ -57,41 +62,42 @@ def with_velocity(rows: Array) -> Array:
 
 
 def entropic(counts: Array) -> Array:
-    """Probabilities that a row of counts makes most likely under Brand's prior exp(-entropy).
+    """Probabilities that rows of counts make most likely under Brand's prior exp(-entropy).
 
-    They maximise sum (n + p) log p, so that n / p + log p is one number -u for all: p is -n / W(-n exp(u)) with the
-    lower branch of Lambert's W, and u is found by bisection. Where the counts are too few for that branch, they are
-    taken as they are.
+    They maximise sum (n + p) log p, so that n / p + log p is one number -u for all of a row: p is -n / W(-n exp(u))
+    with the lower branch of Lambert's W, and u is found by bisection. Where the counts of a row are too few for that
+    branch, they are taken as they are; where there are none, all are alike.
 
     Args:
-        counts: (S,), at least 0, one above.
+        counts: (R, S), at least 0.
+
+    Returns:
+        (R, S), rows sum to 1.
     """
-    there = counts > 1e-9
-    result = np.zeros(len(counts))
-    known = counts[there]
-    if len(known) < 2:
-        result[there] = 1.0
-        return result
-    logarithm = np.log(known)
-    low, high = -4.0 * float(known.sum()) - 100.0, float(-logarithm.max()) - 1.0
+    total = counts.sum(1, keepdims=True)
+    plain = np.where(total > LEAST_COUNT, counts / np.maximum(total, LEAST_COUNT), 1.0 / counts.shape[1])
+    there = counts > LEAST_COUNT
+    logarithm = np.log(np.where(there, counts, 1.0))
 
-    def given(offset: float) -> Array:
-        return known / _lower_branch(-(logarithm + offset))
+    def given(offset: Array) -> Array:
+        return np.where(there, counts / _lower_branch(-(logarithm + offset)), 0.0)
 
-    if given(high).sum() < 1.0:
-        return counts / counts.sum()
-    for _ in range(100):
+    low = -4.0 * total - 100.0
+    high = -np.where(there, logarithm, -np.inf).max(1, initial=-1e3, keepdims=True) - 1.0
+    fits = given(high).sum(1, keepdims=True) >= 1.0
+    for _ in range(60):
         middle = (low + high) / 2
-        low, high = (middle, high) if given(middle).sum() < 1.0 else (low, middle)
-    result[there] = given(low)
-    return result / result.sum()
+        less = given(middle).sum(1, keepdims=True) < 1.0
+        low, high = np.where(less, middle, low), np.where(less, high, middle)
+    found = given(high)
+    return np.asarray(np.where(fits, found / np.maximum(found.sum(1, keepdims=True), 1e-300), plain))
 
 
 def _lower_branch(u: Array) -> Array:
     """t = -W(-exp(-u)), at least 1, for u of at least 1: the root of t - log t = u, by Newton from above."""
     beyond = np.maximum(u - 1.0, 0.0)
     t = 1.0 + np.sqrt(2.0 * beyond) + beyond
-    for _ in range(20):
+    for _ in range(8):
         t = np.maximum(t - (t - np.log(t) - u) / np.maximum(1.0 - 1.0 / t, 1e-9), 1.0)
     return np.asarray(t)
 
@@ -164,7 +170,7 @@ class VoicePuppetry:
         if before is not None and len(before):
             last = (before[-1].astype(np.float64) - self.seen[0]) / self.seen[1]
         rows = trajectory(self.sight, share, last)
-        return (rows * self.seen[1] + self.seen[0]).astype(np.float32)
+        return np.asarray(rows * self.seen[1] + self.seen[0], np.float32)
 
     def to_arrays(self) -> dict[str, NDArray[Any]]:
         """See `app.engine.models.model.TrajectoryModel`."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,9 +89,7 @@ def learn(corpus: Corpus, rest: Float, fps: float, states: int, seed: int) -> Vo
         seed: of k-means.
     """
     runs = [
-        run
-        for start, stop in zip(corpus.starts, corpus.starts[1:], strict=False)
-        for run in counted_runs(np.arange(start, stop), corpus.counted)
+        run for start, stop in pairwise(corpus.starts) for run in counted_runs(np.arange(start, stop), corpus.counted)
     ]
     sight = [with_velocity(corpus.seen[run].astype(np.float64)) for run in runs]
     sound = [with_velocity(corpus.heard[run].astype(np.float64)) for run in runs]
@@ -101,25 +100,19 @@ def learn(corpus: Corpus, rest: Float, fps: float, states: int, seed: int) -> Vo
     first = np.ones(states) + sum(share[0] for share in shares)
     steps = sum((share[:-1].T @ share[1:] for share in shares), np.zeros((states, states)))
     gaussians = Gaussians.of(together, np.concatenate(shares))
-    initial, transitions = first / first.sum(), _transitions(steps)
+    initial, transitions = first / first.sum(), entropic(steps)
     for _ in range(PASSES):
         found = [forward_backward(initial, transitions, gaussians.log_likelihood(rows)) for rows in sight]
         shares = [share for share, _, _ in found]
         gaussians = Gaussians.of(together, np.concatenate(shares))
         first = 1e-3 + sum(share[0] for share in shares)
         initial = first / first.sum()
-        transitions = _transitions(sum((step for _, step, _ in found), np.zeros((states, states))))
+        transitions = entropic(sum((step for _, step, _ in found), np.zeros((states, states))))
     heard = Gaussians.of(np.concatenate(sound), np.concatenate(shares))
     return VoicePuppetry(
         initial, transitions, gaussians, heard, np.array([corpus.seen_offset, corpus.seen_scale]),
         np.array([corpus.heard_offset, corpus.heard_scale]), np.asarray(rest, np.float32), fps,
     )  # fmt: skip
-
-
-def _transitions(steps: Array) -> Array:
-    """(S, S) by Brand's prior; from a state that is never left, or never reached, to all alike."""
-    rows = [entropic(row) if row.sum() > 1e-6 else np.full(len(row), 1 / len(row)) for row in steps]
-    return np.array(rows)
 
 
 def _error(model: VoicePuppetry, spoken: Sequence[Spoken]) -> float:

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -92,9 +94,9 @@ def test_a_prepared_corpus_is_in_standard_deviations() -> None:
 
 
 def test_rare_phones_are_called_what_they_look_like_and_silence_is_added() -> None:
-    short = Spoken(
-        (Phone("AA", 0, 0.4), Phone("P", 0.4, 0.52), Phone("B", 0.52, 1)), *[getattr(spoken("AA", "B", "B"), name) for name in ("coefficients", "counted", "sound")]
-    )  # fmt: skip
+    said = spoken("AA", "B", "B")
+    phones = (Phone("AA", 0, 0.4), Phone("P", 0.4, 0.52), Phone("B", 0.52, 1))
+    short = replace(said, phones=phones)
     found = prepare([short], np.full(3, 9, np.float32), 25)
     assert "P" not in found.labels[0]
     assert set(found.labels[0]) == {"AA", "B"}
