@@ -9,6 +9,7 @@ import re
 
 _FENCE = re.compile(r"[ \t]*(?:```|~~~)")
 _STARTS = re.compile(r"^[ \t]*(?:(?:#{1,6}|[-*+•]|>+)[ \t]+)+(?:\[[ xX]\][ \t]+)?", re.MULTILINE)
+_HEADING = re.compile(r"^([ \t]*#{1,6}[ \t][^\n]*)\n(?!\n)", re.MULTILINE)
 _LINK = re.compile(
     r"!?\[([^\[\]\n]{1,200})\](?:\((?!/)[^()\s]{1,500}(?:[ \t]\"[^\"\n]{0,200}\")?\)|\[[^\[\]\n]{0,100}\])"
 )
@@ -25,16 +26,24 @@ _BORDER = frozenset("|-:+ \t")
 def strip_markdown(text: str) -> str:
     """The text without emphasis, code marks, headings, bullets, quotes, links, rules and tables' lines.
 
-    A row of a table becomes its cells with commas between.
+    A row of a table becomes its cells with commas between. A heading, and an item of a list that begins with a small
+    letter, is set apart by an empty line: without its mark it would be taken for part of one wrapped sentence.
     """
     if not any(mark in text for mark in "*_`#[<~|>=\\-+•"):
         return text
     plain = "\n".join(line for given in text.split("\n") if (line := _line(given)) is not None)
-    plain = _STARTS.sub("", plain)
+    plain = _STARTS.sub(_start, _HEADING.sub(r"\1\n\n", plain))
     plain = _AUTOLINK.sub(r"\1", _LINK.sub(r"\1", plain))
     plain = _TICKS.sub("", _STRUCK.sub("", plain))
     plain = _LINES.sub("", _STARS.sub("", plain))
     return _ESCAPED.sub(r"\1", plain)
+
+
+def _start(found: re.Match[str]) -> str:
+    """What stands for the marks at the beginning of a line."""
+    rest = found.string[found.end() : found.end() + 8].lstrip("*_`~[\"'(")
+    item = found[0].strip(" \t>")  # a quotation goes on in the next line
+    return "\n" if found.start() and item and rest[:1].islower() else ""
 
 
 def _line(line: str) -> str | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
@@ -15,6 +16,11 @@ from app.tts.text import clean, split
 from app.tts.verbalise import verbalise
 
 Markup = Literal["auto", "text", "ssml"]
+
+_SSML = re.compile(
+    r"[\ufeff\s]*(?:<\?xml\s.{0,200}?\?>\s*)?(?><!--.{0,2000}?-->\s*)*+(?:<!DOCTYPE\s+\S|<(?:ssml:)?speak\b)", re.DOTALL
+)
+"""How an SSML document begins: a document type, too, which `app.tts.ssml` refuses, is not to be read aloud."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +45,8 @@ def plan(text: str, *, markup: Markup = "auto", lexicon: Mapping[str, str | Sequ
 
     Args:
         text: any, or SSML.
-        markup: what it is; "auto" takes it for SSML if it begins with ``<speak``.
+        markup: what it is; "auto" takes it for SSML if it begins with ``<speak``, after an XML
+            declaration, comments or a document type perhaps.
         lexicon: see `app.align.dictionary.read_lexicon`.
 
     Raises:
@@ -47,7 +54,7 @@ def plan(text: str, *, markup: Markup = "auto", lexicon: Mapping[str, str | Sequ
         InputError: the lexicon has a pronunciation that is none, or the SSML is wrong.
     """
     own = read_lexicon(lexicon) if lexicon else NO_LEXICON
-    if markup == "ssml" or (markup == "auto" and text.lstrip("\ufeff \t\r\n").startswith("<speak")):
+    if markup == "ssml" or (markup == "auto" and _SSML.match(text)):
         clauses, unread = Document(own).clauses(ssml.parse(text))
     else:
         clauses, unread = _plain(text, own)

@@ -13,10 +13,40 @@ def test_a_text_is_planned_as_written_and_as_spoken() -> None:
     assert planned.unread == ("😀",)
 
 
-@pytest.mark.parametrize("document", ["<speak>Hi</speak>", '\n <speak version="1.1">Hi</speak>'])
+def test_the_items_of_a_list_are_spoken_one_by_one() -> None:
+    planned = plan("## shopping list\n- eggs\n- `milk` and\n  bread\n> He said\n> so.")
+    assert [clause.text for clause in planned.clauses] == ["shopping list", "eggs", "milk and bread", "He said so."]
+    assert all(clause.pause > 0 for clause in planned.clauses)
+
+
+@pytest.mark.parametrize(
+    "document",
+    [
+        "<speak>Hi</speak>",
+        '\n <speak version="1.1">Hi</speak>',
+        '<?xml version="1.0" encoding="UTF-8"?>\n<!-- a -->\n<speak>Hi</speak>',
+    ],
+)
 def test_ssml_is_known_by_its_beginning(document: str) -> None:
     assert [clause.text for clause in plan(document).clauses] == ["Hi"]
-    assert plan(document, markup="text").clauses[0].text.startswith("<speak")
+    assert plan(document, markup="text").clauses[0].text != "Hi"
+
+
+def test_a_document_type_is_refused_and_not_read_aloud() -> None:
+    entity = '<!DOCTYPE speak [<!ENTITY x SYSTEM "file:///etc/hostname">]>\n<speak>&x;</speak>'
+    for document in (entity, '<?xml version="1.0"?>' + entity):
+        with pytest.raises(InputError, match="a document type is not allowed"):
+            plan(document)
+
+
+@pytest.mark.parametrize("text", ["<speaker> is on", "<!-- note --> Hello", "<?xml?> is how it begins", "a <speak>"])
+def test_other_angles_are_text(text: str) -> None:
+    assert plan(text).clauses
+
+
+def test_a_long_beginning_takes_no_time() -> None:
+    assert plan("<!---->" * 5_000 + "x").clauses
+    assert plan("<!--" * 5_000 + "x").clauses
 
 
 def test_ssml_by_name() -> None:

@@ -45,7 +45,7 @@ def readable(text: str) -> str:
         ("x² is 1½", "x² is 1½", ()),
         ("\ufeffzero\u200bwidth\x00\x07 soft\u00adhyphen", "zerowidth softhyphen", ()),
         ("one\r\ntwo\u2028three\n \n\n\nfour", "one\ntwo\nthree\n\nfour", ()),
-        ("# Title\n- one\n* two", "Title\none\ntwo", ()),
+        ("# Title\n- one\n* two", "Title\n\none\n\ntwo", ()),
         ("see [the page](https://example.org/a)", "see the page", ()),
         ("Wait…", "Wait...", ()),
         ("\ud83d alone", "alone", ("\N{REPLACEMENT CHARACTER}",)),
