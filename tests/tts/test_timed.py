@@ -17,7 +17,7 @@ from app.speech import Phone, Speech
 from app.tts import timed
 from app.tts.limit import Limit
 from app.tts.narrate import check
-from app.tts.timed import AUTO, NATIVE, TimedEngine
+from app.tts.timed import AUTO, NATIVE, STEADY, TimedEngine, level_changes
 
 TEXT = "hello there you"
 
@@ -99,11 +99,32 @@ def test_sound_that_is_none_names_the_engine(samples: NDArray[np.float32], what:
         engine.speak(TEXT)
 
 
+def noise(speech: Speech) -> Speech:
+    samples = np.random.default_rng(0).normal(0, 0.1, len(speech.samples)).clip(-1, 1).astype(np.float32)
+    return replace(untimed(speech), samples=samples)
+
+
 def test_noise_is_no_speech() -> None:
     ears = Ears(lambda found: replace(found, confidence=0.001))
     with pytest.raises(SpeechFailed, match="speech engine odd does not say the text"):
-        made(untimed, AUTO, ears).speak(TEXT)
-    assert made(untimed, AUTO, ears).speak("hm").phones  # a word or two prove nothing
+        made(noise, AUTO, ears).speak(TEXT)
+    assert made(noise, AUTO, ears).speak("hm").phones  # a word or two prove nothing
+
+
+def test_speech_that_the_aligner_hardly_understands_is_no_noise() -> None:
+    engine = made(untimed, AUTO, Ears(lambda found: replace(found, confidence=0.001)))
+    assert level_changes(engine.speak(TEXT).samples, 24_000) > STEADY
+    assert level_changes(np.zeros(10, np.float32), 24_000) == 0.0
+
+
+@pytest.mark.parametrize("phones", [True, False])
+def test_silence_is_refused_though_it_has_times(phones: bool) -> None:
+    def silent(speech: Speech) -> Speech:
+        return replace(speech if phones else untimed(speech), samples=np.zeros_like(speech.samples))
+
+    for choice in (AUTO, NATIVE):
+        with pytest.raises(SpeechFailed, match="speech engine odd: it made no sound"):
+            made(silent, choice).speak(TEXT)
 
 
 def test_an_aligner_that_hangs_or_breaks_is_named() -> None:
@@ -118,10 +139,10 @@ def test_an_aligner_that_hangs_or_breaks_is_named() -> None:
 
     ears = Ears(hang)
     engine = TimedEngine(Odd(untimed), AUTO, lambda: ears, Limit(0.2))
-    with pytest.raises(AlignmentFailed, match="aligner mock took longer than"):
+    with pytest.raises(AlignmentFailed, match="speech engine odd: aligner mock took longer than"):
         engine.speak(TEXT)
     gate.set()
-    with pytest.raises(AlignmentFailed, match="aligner mock failed: ZeroDivisionError: oops"):
+    with pytest.raises(AlignmentFailed, match="speech engine odd: aligner mock failed: ZeroDivisionError: oops"):
         made(untimed, AUTO, Ears(breaks)).speak(TEXT)
     assert engine.count.unaligned == 1
 
