@@ -14,7 +14,7 @@ def _whole(text: str) -> str:
 
 
 Text = Annotated[str, AfterValidator(_whole), Field(description="What to say, in English.", examples=["Hello, world."])]
-Name = Annotated[str, AfterValidator(_whole), Field(min_length=1, max_length=200)]
+Name = Annotated[str, Field(min_length=1, max_length=200), AfterValidator(_whole)]
 Url = Annotated[str, AfterValidator(_whole)]
 Token = Annotated[str, AfterValidator(_whole), Field(min_length=1, description="Bearer token of the WHIP server.")]
 Trajectory = Annotated[

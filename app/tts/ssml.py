@@ -18,6 +18,7 @@ from app.align.phoneset import phones_of, unknown
 from app.errors import InputError, TooLong
 from app.speech import PHONES, SILENCE
 from app.tts.reading.say_as import KINDS, say_as
+from app.tts.xml_complaint import complaint
 
 MOST_CHARACTERS = 200_000
 DEEPEST = 32
@@ -165,8 +166,8 @@ class _Reader:
         try:
             self._parser.Parse(_SURROGATE.sub("\N{REPLACEMENT CHARACTER}", plain), True)
         except expat.ExpatError as error:
-            what = expat.errors.messages[error.code] if error.code in expat.errors.messages else str(error)
-            raise _wrong(what, f"line {error.lineno}, column {error.offset + 1}") from None
+            what, advice = complaint(error, self._open[-1].name if self._open else "")
+            raise _wrong(what, f"line {error.lineno}, column {error.offset + 1}", advice) from None
         return tuple(self._items)
 
     @property

@@ -32,3 +32,9 @@ def test_surrogates_are_joined_or_replaced() -> None:
 def test_nothing_is_guessed(fields: dict[str, object]) -> None:
     with pytest.raises(ValidationError):
         SayRequest.model_validate(fields)
+
+
+@pytest.mark.parametrize("lexicon", [{"word": ""}, {"": "W ER D"}])
+def test_an_empty_pronunciation_is_told_in_characters(lexicon: dict[str, str]) -> None:
+    with pytest.raises(ValidationError, match="at least 1 character"):
+        RenderRequest(text="word", lexicon=lexicon)
