@@ -183,7 +183,7 @@ class PocketSphinxAligner:
     def _unsaid(self, origin: float, duration: float, words: Sequence[str]) -> AlignmentFailed:
         return self._failed(f"the {duration:.1f} s of sound from {origin:.1f} s on do not say “{_excerpt(words)}”")
 
-    def _failed(self, message: str, advice: str = "Is the transcript that of this recording?") -> AlignmentFailed:
+    def _failed(self, message: str, advice: str = "Is the text that which is said?") -> AlignmentFailed:
         return AlignmentFailed(f"aligner {self.name}: {message}", advice=advice)
 
 

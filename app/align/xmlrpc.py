@@ -69,7 +69,7 @@ class XmlRpcAligner:
         try:
             return read_answer(answer.body, duration)
         except AlignmentFailed as error:
-            raise self._failed(f"{self._host}: {error.message}", "Is the transcript that of this recording?") from error
+            raise self._failed(f"{self._host}: {error.message}", "Is the text that which is said?") from error
         except BadMessage as error:
             advice = "Is url the address of an aligner? See docs/speech.md."
             raise self._failed(f"{self._host} sent something else than an alignment: {error}", advice) from error

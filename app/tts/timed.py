@@ -138,9 +138,9 @@ class TimedEngine:
                 lambda what: AlignmentFailed(f"aligner {aligner.name} {what}"),
                 seconds=remaining(began, self._limit),
             )
-        except AlignmentFailed as error:  # an aligner's advice is about recordings
+        except AlignmentFailed as error:
             self._add(unaligned=1)
-            raise AlignmentFailed(f"speech engine {self.name}: {error.message}") from error
+            raise AlignmentFailed(f"speech engine {self.name}: {error.message}", advice=error.advice) from error
         except MaryError:
             self._add(unaligned=1)
             raise

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from app.align.aligners import Aligners
@@ -86,7 +87,8 @@ def voicebox(speech: SpeechSettings, align: AlignSettings, aligners: Aligners) -
         caches.append(CachedEngine(timed[-1], round(speech.cache_mb * 1e6)))
         return caches[-1]
 
-    _refuse_unknown(speech)
+    _refuse_unknown("speech.engines", speech.engines, names(), "engine")
+    _refuse_unknown("align.aligners", align.aligners, aligner_names(), "aligner")
     if speech.aligner not in (AUTO, NATIVE, *aligner_names()):
         raise ConfigError(
             f"speech.aligner: there is no aligner {speech.aligner!r}",
@@ -100,9 +102,8 @@ def voicebox(speech: SpeechSettings, align: AlignSettings, aligners: Aligners) -
     return Voicebox(engine, tuple(timed), tuple(caches), fallback)
 
 
-def _refuse_unknown(speech: SpeechSettings) -> None:
-    known = names()
-    for name in speech.engines:
+def _refuse_unknown(section: str, given: Iterable[str], known: Sequence[str], kind: str) -> None:
+    for name in given:
         if name not in known:
-            field = f"speech.engines.{name}"
-            raise ConfigError(f"{field}: there is no such engine", field=field, advice=f"Known: {', '.join(known)}.")
+            field = f"{section}.{name}"
+            raise ConfigError(f"{field}: there is no such {kind}", field=field, advice=f"Known: {', '.join(known)}.")

@@ -147,6 +147,15 @@ def test_an_aligner_that_hangs_or_breaks_is_named() -> None:
     assert engine.count.unaligned == 1
 
 
+def test_an_aligners_advice_is_passed_on() -> None:
+    def fails(_: Alignment) -> Alignment:
+        raise AlignmentFailed("aligner mock: no", advice="Try again.")
+
+    with pytest.raises(AlignmentFailed, match="speech engine odd: aligner mock: no") as caught:
+        made(untimed, AUTO, Ears(fails)).speak(TEXT)
+    assert caught.value.advice == "Try again."
+
+
 def test_now_and_then_both_are_compared(monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture) -> None:
     monkeypatch.setattr(timed, "CHECK_DELAY", 0.0)
 

@@ -55,3 +55,9 @@ def test_what_is_unknown_is_refused_with_its_key(speech: dict[str, Any], field: 
         box(**speech)
     assert caught.value.field == field
     assert caught.value.advice
+
+
+def test_an_unknown_aligner_has_no_options() -> None:
+    settings = Settings.model_validate({"speech": {"engine": "mock"}, "align": {"aligners": {"parrot": {}}}})
+    with pytest.raises(ConfigError, match=r"^align\.aligners\.parrot: there is no such aligner"):
+        voicebox(settings.speech, settings.align, Aligners())
