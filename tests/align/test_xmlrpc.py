@@ -131,7 +131,7 @@ def test_a_server_made_with_the_library(make) -> None:
 
 def test_the_server_in_the_documentation_works(make) -> None:
     page = (Path(__file__).parents[2] / "docs/speech.md").read_text("utf-8")
-    (example,) = re.findall(r"```py\n(def align.*?)```", page, re.DOTALL)
+    (example,) = re.findall(r"```text\n(def align.*?)```", page, re.DOTALL)
     made: dict[str, Any] = {}
     exec(example, made)
     with library_server(made["align"]) as url:
