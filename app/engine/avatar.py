@@ -14,6 +14,7 @@ from app.engine.models.registry import DEFAULT, check_kinds
 from app.engine.models.sound import Sound
 from app.engine.modes import ModeMouth
 from app.engine.pack import MANIFEST, MODELS, Manifest, Pack, check_files, load_pack
+from app.engine.selection import load_selection
 from app.engine.threads import one_thread_a_call
 from app.engine.trajectory import Coefficients
 from app.errors import BadPack, NotFound
@@ -22,6 +23,7 @@ from app.speech import SILENCE, Phone
 RENDERERS: dict[str, Callable[[Pack], Mouth]] = {
     "fast": lambda pack: ModeMouth(pack.modes, pack.background),
     "reference": lambda pack: MorphMouth(pack.morphable, pack.modes, pack.background),
+    "selection": load_selection,
 }
 USUAL = "fast"
 """The renderer unless the settings, the pack or the caller name another."""
