@@ -198,7 +198,8 @@ def train(
         typer.Option(help="Clips (of a single video: numbers of sentences) not to learn from, a,b: for open tests."),
     ] = "",
     models: Annotated[
-        str, typer.Option(help="Trajectory models to train besides gaussian, a,b (see docs/models.md).")
+        str,
+        typer.Option(help="Besides gaussian: trajectory models, and selection, a,b (see docs/models.md)."),
     ] = "",
     aligner: Annotated[str, typer.Option(help="Finds when the phones sound.")] = "pocketsphinx",
     seed: Annotated[int, typer.Option(help="Same seed, same avatar.")] = 0,

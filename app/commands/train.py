@@ -19,8 +19,9 @@ from app.align.align_clips import Aligned
 from app.align.clips import find_clips
 from app.commands.long_work import LongWork, shown
 from app.commands.takes import hear, spoken_takes
-from app.engine.models.registry import check_kinds
 from app.engine.pack import Manifest, Pack
+from app.engine.selection_library import NAME as SELECTION
+from app.engine.training.further_models import check_further
 from app.engine.training.identity import Identity, read_identity
 from app.engine.training.report.page import write_report
 from app.engine.training.take import Refusal, Take
@@ -30,7 +31,8 @@ from app.errors import InputError, TrainingFailed
 STEPS = {
     "listening": 16.0, "finding the face": 6.0, "following the face": 32.0, "cutting out the mouth": 10.0,
     "components": 4.0, "landmarks": 2.0, "flow": 26.0, "modes": 5.0, "textures": 1.5, "analysis": 6.0,
-    "trajectories": 26.0, "background": 2.0, "writing": 3.0, "further models": 60.0, "report": 12.0,
+    "trajectories": 26.0, "background": 2.0, "writing": 3.0, "further models": 60.0, "samples": 20.0,
+    "report": 12.0,
 }  # fmt: skip
 """Seconds of each step for 250 clips of three seconds on two cores (and of each further model): for the time left."""
 IDENTITY = "avatar.json"
@@ -77,7 +79,7 @@ def run(
         )  # fmt: skip
     if background is not None and not background.is_file():
         raise InputError(f"{background} is no video", field="background")
-    check_kinds(models)
+    check_further(models)
     clips = find_clips(inputs, transcripts)  # what is missing is said before anybody is asked anything
     _check_left_out(leave_out, [clip.name for clip in clips])
     workspace = workspace_of(output)
@@ -111,7 +113,11 @@ def run(
 
 
 def _steps(models: Sequence[str]) -> dict[str, float]:
-    return {**STEPS, "further models": STEPS["further models"] * len(models)}
+    kinds = check_further(models)
+    return {
+        **STEPS, "further models": STEPS["further models"] * len(kinds),
+        "samples": STEPS["samples"] * (SELECTION in models),
+    }  # fmt: skip
 
 
 def _left_out(leave_out: Sequence[str], takes: Sequence[Take]) -> tuple[list[Take], list[int]]:

@@ -17,6 +17,16 @@ from app.engine.modes import split_texture
 
 Float = NDArray[np.float32]
 
+USUAL = 4.0
+"""Deviations by which a difference along the edge may be off the others; further, one of both shows something else."""
+LEAST_USUAL = 6.0
+"""Levels that it may be off in any case."""
+REACH = 0.1
+"""Standard deviation of the blur that fills in for such differences, in widths of the plane."""
+
+
+_CROSS = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
+
 
 class Membrane:
     """Harmonic functions on a region of a plane.
@@ -29,6 +39,7 @@ class Membrane:
         self.inside = inside.copy()
         self.inside[[0, -1]] = False
         self.inside[:, [0, -1]] = False
+        self.edge = cv2.dilate(self.inside.astype(np.uint8), _CROSS).astype(bool) & ~self.inside
         number = np.full(inside.shape, -1, np.int64)
         self._rows, self._columns = np.nonzero(self.inside)
         count = len(self._rows)
@@ -48,6 +59,25 @@ class Membrane:
             (values, (np.concatenate([diagonal, row]), np.concatenate([diagonal, column]))), (count, count)
         ).tocsc()
         self._solve = splu(laplacian).solve if count else None
+
+    def trusted(self, difference: Float) -> Float:
+        """(h, w) a difference whose outliers along the edge are filled in from beside them.
+
+        Where the head has turned, wall may be seen beyond one cheek; its colour must not spread over the mouth.
+        """
+        along = difference[self.edge]
+        if not len(along):
+            return difference
+        off = np.abs(difference - np.median(along))
+        deviation = 1.4826 * float(np.median(off[self.edge]))
+        usual = self.edge & (off <= max(LEAST_USUAL, USUAL * deviation))
+        if usual.sum() == len(along):
+            return difference
+        sigma = REACH * difference.shape[1]
+        weight = cv2.GaussianBlur(usual.astype(np.float32), (0, 0), sigma)
+        near = cv2.GaussianBlur(np.where(usual, difference, 0).astype(np.float32), (0, 0), sigma)
+        filled = np.where(weight > 1e-4, near / np.maximum(weight, 1e-4), np.median(along))
+        return np.asarray(np.where(self.edge & ~usual, filled, difference), np.float32)
 
     def stretch(self, edge: Float) -> Float:
         """(h, w) what is harmonic in the region and equals `edge`, (h, w), outside of it."""
@@ -70,13 +100,16 @@ class Stitcher:
         half = cv2.resize(mask, (mask.shape[1] // 2, mask.shape[0] // 2), interpolation=cv2.INTER_AREA)
         self._size = (mask.shape[1], mask.shape[0])
         self._luma, self._chroma = Membrane(mask > 0), Membrane(half > 0)
+        each = (self._luma, self._chroma, self._chroma)
+        self._inside = np.concatenate([part.inside.reshape(-1) for part in each])
 
-    def stretch(self, edge: Float) -> Float:
-        """(P,) what is harmonic in the region and equals `edge` (P,), planes flattened, outside of it."""
-        luma, blue, red = split_texture(edge, *self._size).each()
-        each = (self._luma.stretch(luma), self._chroma.stretch(blue), self._chroma.stretch(red))
-        return np.concatenate([plane.reshape(-1) for plane in each])
+    def membrane(self, difference: Float) -> Float:
+        """(P,) harmonic in the region, and on its edge as this difference (P,), planes flattened, but for outliers."""
+        luma, blue, red = split_texture(difference, *self._size).each()
+        parts = ((self._luma, luma), (self._chroma, blue), (self._chroma, red))
+        return np.concatenate([part.stretch(part.trusted(plane)).reshape(-1) for part, plane in parts])
 
     def stitched(self, source: Float, target: Float) -> Float:
         """(P,) the source in the region, seamlessly, and the target outside of it."""
-        return source + self.stretch(target - source)
+        mixed = source + self.membrane(target - source)
+        return np.where(self._inside, mixed, target)

@@ -112,7 +112,7 @@ class SelectionMouth:
         """(T, S) target costs (eq. 12): distances of trajectory points (T, K) to the samples, among eigen-lips."""
         wanted = rows @ self._library.lips
         squares = (wanted**2).sum(1)[:, None] + (self._places**2).sum(1) - 2 * wanted @ self._places.T
-        return np.sqrt(np.maximum(squares, 0)).astype(np.float32)
+        return np.asarray(np.sqrt(np.maximum(squares, 0)), np.float32)
 
     def _half(self, where: Float) -> Float:
         half: Float | None = getattr(self._local, "half", None)
@@ -156,5 +156,5 @@ def _loop_membranes(background: Background, still: Float) -> NDArray[np.float16]
             sample(plane.astype(np.float32), at).reshape(-1)
             for plane, at in zip((region.luma(picture), *region.chroma(picture)), (where, half, half), strict=True)
         ]
-        found[index] = stitcher.stretch(np.concatenate(seen) - still)
+        found[index] = stitcher.membrane(np.concatenate(seen) - still)
     return found

@@ -30,8 +30,8 @@ class SampleLibrary:
 
     Attributes:
         width, height: of the crop.
-        pictures: (S, P) uint8 crops, planes flattened, stitched into the picture at rest: outside of the mouth mask they
-            are the pack's still.
+        pictures: (S, P) uint8 crops, planes flattened, stitched into the picture at rest: outside of the mouth mask
+            they are the pack's still.
         rows: (S, K) mode coefficients of each, the passage's own mouth at rest moved to the common one. No two alike.
         follows: (S,) whether each was recorded right after the one before it.
         lips: (K, E): differences of mode coefficients times these are differences of eigen-lips, to first order, in
@@ -93,7 +93,9 @@ def load_library(path: Path, *, modes: str, count: int, size: tuple[int, int]) -
 def _library(stored: StoredArrays, count: int, size: tuple[int, int]) -> SampleLibrary:
     width, height = (int(side) for side in stored.numbers("size", (2,)))
     if (width, height) != size:
-        raise BadPack(f"{stored.where}: samples are {width}x{height}, the pack's crop {size[0]}x{size[1]}", advice=AGAIN)
+        raise BadPack(
+            f"{stored.where}: samples are {width}x{height}, the pack's crop {size[0]}x{size[1]}", advice=AGAIN
+        )
     rows = stored.numbers("rows", (-1, count))
     follows = stored.numbers("follows", (len(rows),)) > 0
     lips = stored.numbers("lips", (count, -1))
@@ -117,7 +119,7 @@ def _decoded(clip: bytes, count: int, width: int, height: int, where: str) -> ND
     pictures = np.empty(shape, np.uint8)
     found = 0
     try:
-        with av.open(io.BytesIO(clip)) as container:
+        with av.open(io.BytesIO(clip), "r", format="matroska") as container:
             stream = container.streams.video[0]
             stream.thread_count = 1
             for frame in container.decode(stream):

@@ -8,16 +8,34 @@ from pathlib import Path
 
 from app.engine.models.model import Spoken
 from app.engine.models.model_file import save_trajectory
-from app.engine.models.registry import DEFAULT, check_kinds, fit, kind
+from app.engine.models.registry import DEFAULT, KINDS, check_kinds, fit, kind
 from app.engine.models.sound import Sound
 from app.engine.pack import FPS, MODEL, MODELS, digest
+from app.engine.selection_library import NAME as SELECTION
 from app.engine.training.articulation import spoken_passages
 from app.engine.training.corpus import Corpus, Float, Progress
 from app.engine.training.take import Take
 from app.engine.training.workspace import Workspace, key
+from app.errors import NotFound
 
 Hear = Callable[[Take], Sound]
 """The sound of a take, its first picture at time 0."""
+
+
+def check_further(names: Sequence[str]) -> list[str]:
+    """Those of what a pack may have besides that are trajectory models; the other is the selection renderer's samples.
+
+    Raises:
+        NotFound: one is neither.
+    """
+    kinds = [name for name in names if name != SELECTION]
+    unknown = [name for name in kinds if name not in KINDS.names()]
+    if unknown:
+        raise NotFound(
+            f"there is no trajectory model {unknown[0]!r}", field="models",
+            advice=f"Known: {', '.join((*KINDS.names(), SELECTION))}.",
+        )  # fmt: skip
+    return kinds
 
 
 def heard_passages(corpus: Corpus, coefficients: Float, rest: Float, hear: Hear | None) -> list[Spoken]:

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from app.engine.background import Background, Box, chroma_map
 from app.engine.membrane import Stitcher
 from app.engine.modes import Modes, draw_crop, split_texture
-from app.engine.pack import FPS
+from app.engine.pack import FPS, MODEL, MODELS, digest
 from app.engine.selection import still_crop
-from app.engine.selection_library import SampleLibrary
+from app.engine.selection_library import NAME, SampleLibrary, save_library
 from app.engine.training.articulation import rest_offset
 from app.engine.training.corpus import Corpus
 from app.engine.training.em_pca import em_pca
@@ -96,6 +96,16 @@ def build_samples(
     )  # fmt: skip
 
 
+def write_samples(
+    draft: Path, corpus: Corpus, coefficients: Float, modes: Modes, rest: Float, background: Background, *,
+    seed: int = 0, progress: Callable[[float], None] = lambda _: None,
+) -> None:  # fmt: skip
+    """Write the samples of a recording into the folder of a pack that has its `model.npz`; see `build_samples`."""
+    library = build_samples(corpus, coefficients, modes, rest, background, seed=seed, progress=progress)
+    path = draft / MODELS / f"{NAME}.npz"
+    save_library(path, library, encoded(library), modes=digest(draft / MODEL))
+
+
 def encoded(library: SampleLibrary) -> bytes:
     """The clip of a library's pictures."""
     pictures = library.pictures.reshape(len(library), library.height * 3 // 2, library.width)
@@ -130,7 +140,7 @@ def _offsets(corpus: Corpus, coefficients: Float, rest: Float) -> Float:
 def _same_passage(corpus: Corpus, numbers: Numbers) -> NDArray[np.bool_]:
     """(n - 1,) whether each number is of the same passage as the next."""
     ends = np.array([passage.frames.stop for passage in corpus.passages])
-    return np.diff(np.searchsorted(ends, numbers, side="right")) == 0
+    return np.asarray(np.diff(np.searchsorted(ends, numbers, side="right")) == 0)
 
 
 def _unlike(rows: Float) -> Numbers:
@@ -205,7 +215,7 @@ def choose_runs(places: Sequence[Float], most: int) -> list[int]:
 
 
 class Seam:
-    """Moves the skin along the seam to where it is at rest: chin and jaw of an open mouth do not end at the mask's edge.
+    """Moves the skin along the seam to where it is at rest: chin and jaw of an open mouth do not end at the mask.
 
     Inside, where lips and teeth are, nothing is moved and no pixel is touched.
 

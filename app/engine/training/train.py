@@ -11,7 +11,6 @@ from pathlib import Path
 import cv2
 
 from app.engine.frame import to_rgb
-from app.engine.models.registry import check_kinds
 from app.engine.modes import ModeMouth
 from app.engine.pack import (
     FILES,
@@ -30,6 +29,7 @@ from app.engine.pack import (
     save_model,
     write_manifest,
 )  # fmt: skip
+from app.engine.selection_library import NAME as SELECTION
 from app.engine.stored_arrays import MOST_BYTES
 from app.engine.threads import one_thread_a_call
 from app.engine.training.appearance import Appearance, learn_appearance
@@ -37,10 +37,11 @@ from app.engine.training.articulation import Articulation, learn_articulation, s
 from app.engine.training.background_loop import LoopPicture, bake_loop, crop_warp, loop_pictures
 from app.engine.training.corpus import Corpus, Progress, gather, without
 from app.engine.training.footage import shots
-from app.engine.training.further_models import Hear, heard_passages, train_further
+from app.engine.training.further_models import Hear, check_further, heard_passages, train_further
 from app.engine.training.identity import Identity
 from app.engine.training.layout import Layout
 from app.engine.training.registration import UNCORRECTED
+from app.engine.training.selection_samples import write_samples
 from app.engine.training.stretches import LONGEST, Mixed, Stretch, choose_stretches, joined
 from app.engine.training.survey import survey
 from app.engine.training.take import Take
@@ -131,7 +132,7 @@ def train(
         background: a video of the same head moving, mouth at rest, whose last picture is followed by its first; without
             one, the loop is joined from stretches of the takes.
         leave_out, seed, workers: see `learn`.
-        models: trajectory models to train besides the Gaussians, by name.
+        models: trajectory models to train besides the Gaussians, by name; "selection": samples for that renderer.
         hear: gives the sound of takes, which some of these need.
         progress: see `Progress`.
         extras: called with what was learnt, the finished pack and its folder: writes what belongs beside it.
@@ -141,7 +142,7 @@ def train(
         TrainingFailed: the takes cannot be learnt from.
         TrainingStopped: the output cannot be written, or a process was killed.
     """
-    check_kinds(models)
+    kinds = check_further(models)
     workspace = Workspace(workspace_of(output))
     learnt = learn(
         takes, workspace, leave_out=leave_out, seed=seed, workers=workers,
@@ -162,9 +163,14 @@ def train(
         raise _unwritten(output, error) from error
     try:
         save_model(draft / MODEL, modes, appearance.morphable, learnt.articulation.model, baked)
-        if models:
+        if kinds:
             spoken = heard_passages(corpus, appearance.coefficients, appearance.rest, hear)
-            train_further(models, spoken, appearance.rest, draft, workspace, seed=seed, progress=progress)
+            train_further(kinds, spoken, appearance.rest, draft, workspace, seed=seed, progress=progress)
+        if SELECTION in models:
+            write_samples(
+                draft, corpus, appearance.coefficients, modes, appearance.rest, baked, seed=seed,
+                progress=lambda share: progress("samples", share),
+            )  # fmt: skip
         write_loop(draft / LOOP, baked.pictures, FPS)
         write_idle(draft / IDLE, baked.pictures[:-1], FPS)
         preview = to_rgb(baked.pictures[0])[..., ::-1]
