@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from drawn_samples import add_samples
 from numpy.typing import NDArray
 from tiny_pack import tiny_background, tiny_model, tiny_modes, write_tiny
 
@@ -53,6 +54,14 @@ def literal_mary(mary: Avatar) -> Avatar:
 def tiny(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of a tiny pack; not to be changed."""
     return write_tiny(tmp_path_factory.mktemp("packs") / "tiny")
+
+
+@pytest.fixture(scope="session")
+def sampled(tiny: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The same with samples for the selection renderer; not to be changed."""
+    folder = tmp_path_factory.mktemp("sampled") / "tiny"
+    add_samples(tiny, folder)
+    return folder
 
 
 @pytest.fixture

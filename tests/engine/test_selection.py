@@ -6,7 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from drawn_samples import BREAK, add_samples
+from drawn_samples import BREAK, add_samples, drawn_samples
 from numpy.typing import NDArray
 
 from app.engine.avatar import Avatar, load_avatar
@@ -25,15 +25,8 @@ PHONES = (Phone(SILENCE, 0, 0.2), Phone("AA", 0.2, 0.8), Phone("M", 0.8, 1.2), P
 
 
 @pytest.fixture(scope="module")
-def folder(tiny: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("selecting") / "tiny"
-    add_samples(tiny, folder)
-    return folder
-
-
-@pytest.fixture(scope="module")
-def avatar(folder: Path) -> Avatar:
-    return load_avatar(folder, "selection")
+def avatar(sampled: Path) -> Avatar:
+    return load_avatar(sampled, "selection")
 
 
 @pytest.fixture(scope="module")
@@ -42,8 +35,8 @@ def mouth(avatar: Avatar) -> SelectionMouth:
 
 
 @pytest.fixture(scope="module")
-def library(tiny: Path, tmp_path_factory: pytest.TempPathFactory) -> SampleLibrary:
-    return add_samples(tiny, tmp_path_factory.mktemp("library") / "tiny")
+def library() -> SampleLibrary:
+    return drawn_samples()
 
 
 def shown(avatar: Avatar, row: Float | None, index: int) -> NDArray[np.uint8]:

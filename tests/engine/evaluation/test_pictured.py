@@ -18,8 +18,8 @@ Float = NDArray[np.float32]
 
 
 @pytest.mark.parametrize("renderer", list(RENDERERS))
-def test_every_renderer_draws_the_crop(tiny: Path, renderer: str) -> None:
-    pack = load_pack(tiny)
+def test_every_renderer_draws_the_crop(sampled: Path, renderer: str) -> None:
+    pack = load_pack(sampled)
     drawn = Drawer.of(pack, renderer).luma(np.zeros((3, 5), np.float32), np.zeros(5, np.float32))
     assert drawn.shape == (3, pack.modes.height, pack.modes.width)
     assert np.isfinite(drawn).all()
