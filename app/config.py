@@ -262,8 +262,8 @@ def _explained(error: ValidationError, source: Path | None) -> ConfigError:
     variable = ENVIRONMENT_PREFIX + "__".join(str(part) for part in first["loc"][:2]).upper()
     place = variable if variable in os.environ else str(source or "settings")
     unknown = first["type"] == "extra_forbidden"
-    value = "" if unknown else f" (got {first['input']!r})"
-    message = "unknown key" if unknown else first["msg"]
+    value = "" if unknown or isinstance(first["input"], dict) else f" (got {first['input']!r})"
+    message = "unknown key" if unknown else first["msg"].removeprefix("Value error, ")
     return ConfigError(
         f"{place}: {key}: {message}{value}",
         field=key,

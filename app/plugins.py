@@ -101,7 +101,8 @@ class Plugins(Generic[Plugin]):
             first = error.errors()[0]
             key = ".".join(map(str, (self.section, name, *first["loc"])))
             known = ", ".join(model.model_fields)
-            raise ConfigError(f"{key}: {first['msg']}", field=key, advice=f"Options of {name}: {known}.") from error
+            message = first["msg"].removeprefix("Value error, ")
+            raise ConfigError(f"{key}: {message}", field=key, advice=f"Options of {name}: {known}.") from error
         return plugin(checked)
 
     def _theirs(self) -> dict[str, EntryPoint]:

@@ -8,12 +8,15 @@ import time
 from collections.abc import Callable
 
 from app.align.dictionary import NO_LEXICON, Lexicon
-from app.errors import AlignmentFailed, SpeechFailed
+from app.errors import AlignmentFailed, MaryError, MissingExtra, SpeechFailed
 from app.speech import Speech
 from app.tts.engine import SpeechEngine, Voice
 
 REST_SECONDS = 30.0
 """For so long an engine that has failed is not asked again: each sentence would wait for its time limit."""
+
+FAILURES = (SpeechFailed, AlignmentFailed, MissingExtra)
+"""Of the engine, not of its caller; a voice that somebody asks for is looked at before (`choose_voice`)."""
 
 _log = logging.getLogger(__name__)
 
@@ -49,14 +52,14 @@ class FallbackEngine:
         self._second.warm_up()
         try:
             self._first.warm_up()
-        except (SpeechFailed, AlignmentFailed) as error:
+        except FAILURES as error:
             self._failed(error)
 
     def speak(self, text: str, *, voice: str = "", speed: float = 1.0, lexicon: Lexicon = NO_LEXICON) -> Speech:
         if self._clock() >= self._asked_again_at:
             try:
                 return self._first.speak(text, voice=voice, speed=speed, lexicon=lexicon)
-            except (SpeechFailed, AlignmentFailed) as error:
+            except FAILURES as error:
                 self._failed(error)
         with self._lock:
             self.count += 1
@@ -66,7 +69,7 @@ class FallbackEngine:
         self._first.close()
         self._second.close()
 
-    def _failed(self, error: SpeechFailed | AlignmentFailed) -> None:
+    def _failed(self, error: MaryError) -> None:
         self._asked_again_at = self._clock() + REST_SECONDS
         _log.warning("%s; %s speaks for %g s", error.message, self._second.name, REST_SECONDS)
 

@@ -95,6 +95,8 @@ def voicebox(speech: SpeechSettings, align: AlignSettings, aligners: Aligners) -
             field="speech.aligner",
             advice=f"Known: {', '.join((AUTO, NATIVE, *aligner_names()))}.",
         )
+    if speech.aligner != NATIVE and choice in aligner_names():
+        aligners.get(choice)  # whose options may be wrong: better now than with the first sentence
     engine = one(speech.engine, "speech.engine")
     fallback = None
     if speech.fallback:

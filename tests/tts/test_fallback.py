@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 from speakers import Odd
 
-from app.errors import NotFound, SpeechFailed
+from app.errors import MissingExtra, NotFound, SpeechFailed
 from app.speech import Speech
 from app.tts.engine import Voice
 from app.tts.fallback import REST_SECONDS, FallbackEngine
@@ -28,6 +28,15 @@ def test_the_second_speaks_while_the_first_fails() -> None:
     engine.close()
     assert (first.closed, second.closed) == (1, 1)
     assert engine.name == "first"
+
+
+def test_what_is_not_installed_is_replaced() -> None:
+    def lacking(_: Speech) -> Speech:
+        raise MissingExtra("speech engine first needs a library")
+
+    engine = FallbackEngine(Odd(lacking, "first"), second := Odd(name="second"))
+    assert engine.speak("one").words
+    assert second.spoken
 
 
 def test_a_callers_mistake_is_not_a_failure() -> None:

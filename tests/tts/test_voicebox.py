@@ -40,6 +40,12 @@ def test_an_aligner_and_a_fallback() -> None:
     assert (second.engine, second.times.aligned, second.fallback) == ("hibari", 0, 0)
 
 
+def test_wrong_options_of_the_aligner_are_told_at_once() -> None:
+    settings = Settings.model_validate({"speech": {"engine": "mock"}, "align": {"engine": "textgrid"}})
+    with pytest.raises(ConfigError, match=r"align\.aligners\.textgrid\.folder"):
+        voicebox(settings.speech, settings.align, Aligners())
+
+
 @pytest.mark.parametrize(
     ("speech", "field"),
     [
