@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from app.align.dictionary import NO_LEXICON, Lexicon, folded
-from app.tts.text import NO_PAUSE
+from app.tts.splitting import NO_PAUSE
 from app.tts.verbalise import Reading
 
 LONGEST_SPOKEN = 400  # characters of spoken text in a clause: "1,1,1,1" grows a lot

@@ -8,18 +8,17 @@ from dataclasses import dataclass, replace
 from app.align.dictionary import Lexicon
 from app.tts import ssml
 from app.tts.clause import Clause, Place, cut
-from app.tts.ssml import Bookmark, Break, Said, Style
-from app.tts.text import (
+from app.tts.splitting import (
     CLAUSE_PAUSE,
     LONGEST_PIECE,
     NO_PAUSE,
     PARAGRAPH_PAUSE,
     SENTENCE_PAUSE,
-    clean,
     ends_clause,
-    speakable,
     split_paragraph,
 )
+from app.tts.ssml import Bookmark, Break, Said, Style
+from app.tts.text import clean, speakable
 from app.tts.verbalise import Reading, verbalise
 
 _GLUE = "\N{WORD JOINER}"  # for the spaces inside one thing, so that it is one word

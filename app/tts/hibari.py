@@ -31,8 +31,9 @@ from app.errors import MissingExtra, NotFound, NothingToSay, SpeechFailed
 from app.speech import Phone, Speech
 from app.tts.engine import Voice
 from app.tts.onnx_output import expose, outputs_of
+from app.tts.splitting import LONGEST_PIECE, split
 from app.tts.take import Take, joined, trimmed, words_of
-from app.tts.text import LONGEST_PIECE, fold, split
+from app.tts.text import fold
 from app.tts.words import assign
 
 RATE = 24_000  # samples a second

@@ -19,7 +19,8 @@ from app.speech import Speech
 from app.tts.engine import SpeechEngine
 from app.tts.narrate import check_speed, speak
 from app.tts.planning import Plan, plan
-from app.tts.text import CLAUSE_PAUSE, LONGEST_PIECE, SHORTEST_CUT, clean, ends_clause, ends_sentence
+from app.tts.splitting import CLAUSE_PAUSE, LONGEST_PIECE, SHORTEST_CUT, ends_clause, ends_sentence
+from app.tts.text import clean
 
 HOLD_SENTENCE = 0.2
 """Seconds after which a full stop ends a sentence though nothing follows it: "3." may go on as "3.5"."""

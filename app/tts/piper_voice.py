@@ -27,8 +27,8 @@ from app.tts.engine import Voice
 from app.tts.espeak import stress
 from app.tts.espeak_process import EspeakProcess
 from app.tts.piper_model import PiperModel, VoiceFile, read_voice
+from app.tts.splitting import LONGEST_PIECE, split
 from app.tts.take import Take, joined, trimmed, words_of
-from app.tts.text import LONGEST_PIECE, split
 from app.tts.words import assign, parts
 
 LAG = 0.017  # 17 ms: a network's durations trail the sound by this (median against a forced aligner, 586 phones)

@@ -12,7 +12,8 @@ from app.errors import NothingToSay
 from app.tts import ssml
 from app.tts.clause import Clause, cut
 from app.tts.document import Document
-from app.tts.text import clean, split
+from app.tts.splitting import split
+from app.tts.text import clean
 from app.tts.verbalise import verbalise
 
 Markup = Literal["auto", "text", "ssml"]

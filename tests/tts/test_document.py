@@ -2,7 +2,7 @@ from math import inf
 
 from app.tts.clause import Clause
 from app.tts.planning import plan
-from app.tts.text import CLAUSE_PAUSE, PARAGRAPH_PAUSE, SENTENCE_PAUSE
+from app.tts.splitting import CLAUSE_PAUSE, PARAGRAPH_PAUSE, SENTENCE_PAUSE
 
 
 def clauses(inner: str) -> tuple[Clause, ...]:

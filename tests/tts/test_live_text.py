@@ -13,7 +13,7 @@ from app.errors import Gone, InputError, NothingToSay, OverCapacity
 from app.speech import Speech
 from app.tts.live_text import HOLD_SENTENCE, HOLD_WORDS, LiveText, complete
 from app.tts.mock import MockEngine
-from app.tts.text import LONGEST_PIECE
+from app.tts.splitting import LONGEST_PIECE
 
 
 class Engine(MockEngine):

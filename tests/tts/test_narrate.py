@@ -14,7 +14,7 @@ from app.speech import SILENCE, Mark, Phone, Speech, Word
 from app.tts.mock import MockEngine
 from app.tts.narrate import check, narrate, with_pause
 from app.tts.planning import plan
-from app.tts.text import PARAGRAPH_PAUSE, SENTENCE_PAUSE
+from app.tts.splitting import PARAGRAPH_PAUSE, SENTENCE_PAUSE
 
 GOOD = MockEngine().speak("hello there", voice="mock")
 
