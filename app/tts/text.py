@@ -9,6 +9,7 @@ import re
 import unicodedata
 from dataclasses import dataclass
 
+from app.tts.html_tags import strip_html
 from app.tts.markdown import strip_markdown
 
 
@@ -71,11 +72,11 @@ def clean(text: str, *, markdown: bool = True) -> Cleaned:
 
     Compatibility forms become plain (NFKC); control and invisible characters go; quotes and dashes become the simple
     ones; Latin letters keep their accents. Emoji, other scripts and unknown symbols become spaces and are reported.
-    `markdown`: its marks go, too (`app.tts.markdown`).
+    `markdown`: its marks go, too, and HTML's tags (`app.tts.markdown`, `app.tts.html_tags`).
     """
     plain = _few_marks(text.replace("\r\n", "\n"))
     if markdown:
-        plain = strip_markdown(plain)
+        plain = strip_markdown(strip_html(plain))
     plain = _NOT_KEPT.sub(lambda run: unicodedata.normalize("NFKC", run[0].translate(_SAME)).translate(_SAME), plain)
     plain, unread = _readable(plain)
     plain = _RANGE.sub("-", plain).replace("–", "—")
