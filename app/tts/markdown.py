@@ -26,12 +26,19 @@ _BORDER = frozenset("|-:+ \t")
 def strip_markdown(text: str) -> str:
     """The text without emphasis, code marks, headings, bullets, quotes, links, rules and tables' lines.
 
-    A row of a table becomes its cells with commas between. A heading, and an item of a list that begins with a small
-    letter, is set apart by an empty line: without its mark it would be taken for part of one wrapped sentence.
+    A row of a table becomes its cells with commas between. A heading, and an item of a list or a row that begins with a
+    small letter, is set apart by an empty line: without its mark it would be taken for part of one wrapped sentence.
     """
     if not any(mark in text for mark in "*_`#[<~|>=\\-+•"):
         return text
-    plain = "\n".join(line for given in text.split("\n") if (line := _line(given)) is not None)
+    lines: list[str] = []
+    for given in text.split("\n"):
+        if (line := _line(given)) is None:
+            continue
+        if lines and line is not given and _goes_on(line):  # a row
+            lines.append("")
+        lines.append(line)
+    plain = "\n".join(lines)
     plain = _STARTS.sub(_start, _HEADING.sub(r"\1\n\n", plain))
     plain = _AUTOLINK.sub(r"\1", _LINK.sub(r"\1", plain))
     plain = _TICKS.sub("", _STRUCK.sub("", plain))
@@ -41,9 +48,13 @@ def strip_markdown(text: str) -> str:
 
 def _start(found: re.Match[str]) -> str:
     """What stands for the marks at the beginning of a line."""
-    rest = found.string[found.end() : found.end() + 8].lstrip("*_`~[\"'(")
     item = found[0].strip(" \t>")  # a quotation goes on in the next line
-    return "\n" if found.start() and item and rest[:1].islower() else ""
+    return "\n" if found.start() and item and _goes_on(found.string[found.end() : found.end() + 8]) else ""
+
+
+def _goes_on(text: str) -> bool:
+    """Whether it begins with a small letter, as what belongs to the line before does."""
+    return text[:8].lstrip("*_`~[\"'(")[:1].islower()
 
 
 def _line(line: str) -> str | None:

@@ -24,6 +24,7 @@ from app.tts.markdown import strip_markdown
         ("a\n---\nb", "a\n\nb"),
         ("Title\n=====", "Title\n"),
         ("| a | b |\n|---|:-:|\n| 1 |  |", "a, b\n1"),
+        ("Pets:\n| pet | says |\n|---|---|\n| `cat` | meow |\n| Dog | woof |", "Pets:\n\npet, says\n\ncat, meow\nDog, woof"),
         (r"\*not\* \# this", "*not* # this"),
         ("-5 degrees", "-5 degrees"),
         ("", ""),
