@@ -47,7 +47,7 @@ _CONJUNCTIONS = these(
 _CLOSERS = "\"')]}"
 _OPENERS = "\"'([{"
 _DOTTED = re.compile(r"(?:[A-Za-z]\.)+[A-Za-z]?\Z")
-_ENUMERATOR = re.compile(r"\(?(?:\d{1,3}|[A-Za-z])[.)]\Z")
+_ENUMERATOR = re.compile(r"\(?(?:\d{1,3}|[A-Za-z]|[IVX]{2,6})[.)]\Z")
 
 
 def split(text: str) -> tuple[Piece, ...]:

@@ -12,7 +12,7 @@ from collections.abc import Callable, Container, Sequence
 from dataclasses import dataclass
 
 from app.tts.reading import amounts, dates, letters, names
-from app.tts.reading.numbers import PLAIN, cardinal, digits, number, one, ordinal
+from app.tts.reading.numbers import PLAIN, cardinal, digits, number, one, ordinal, with_commas
 from app.tts.reading.single_words import BETWEEN_NUMBERS, SingleWords, english
 from app.tts.reading.word_list import these
 
@@ -144,7 +144,10 @@ class _Line:
         return tuple(readings)
 
     def _core(self, at: int) -> str:
-        return self._parts[at].core if 0 <= at < len(self._parts) else ""
+        """The word there, a number with commas between its thousands; empty beyond the ends."""
+        core = self._parts[at].core if 0 <= at < len(self._parts) else ""
+        commas = with_commas(core)
+        return core if commas != core and core.lower() in self._own else commas
 
     def _next(self, at: int) -> str:
         """The word after, if no stop lies between."""
@@ -268,8 +271,7 @@ class _Line:
     # --- one word alone -----------------------------------------------------------------------------------------------
 
     def _alone(self, at: int) -> Reading:
-        part = self._parts[at]
-        core = part.core
+        part, core = self._parts[at], self._core(at)
         if not core:
             return Reading(part.text, part.said(""))
         if core.lower() in self._own:
@@ -277,6 +279,8 @@ class _Line:
         before, following = self._core(at - 1), self._core(at + 1)
         dotted = part.after.startswith(".")
         last = at + 1 == len(self._parts)
+        if at == 0 and not last and part.after in (".", ")") and (said := names.roman_enumerator(core)):
+            return Reading(part.text, part.said(said))
         if said := names.abbreviation(core, dotted and not part.after.startswith(".."), before, following):
             return Reading(part.text, part.said(said, dot=last))
         if said := self._initials(core, dotted, last):

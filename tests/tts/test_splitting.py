@@ -46,6 +46,8 @@ def test_one_sentence(text: str) -> None:
         ("Hello...\n\nWorld", ["Hello...", "World"]),
         ("Shopping\nMilk\nBread", ["Shopping", "Milk", "Bread"]),
         ("1. First point. 2. Second point.", ["1. First point.", "2. Second point."]),
+        ("II. Main point. VIII) Last.", ["II. Main point.", "VIII) Last."]),
+        ("It was World War II. Then peace.", ["It was World War II.", "Then peace."]),
         ("Really?! Yes.", ["Really?!", "Yes."]),
         ("... !", []),
         ("", []),

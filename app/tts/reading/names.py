@@ -84,6 +84,11 @@ def _of_a_place(before: str, following: str) -> bool:
     return (capitalised(before) or before[:1].isdigit()) and not capitalised(following)
 
 
+def roman_enumerator(word: str) -> str:
+    """The number of a heading or an item, ``II`` of ``II. Main``; empty for one letter, which may be an initial."""
+    return cardinal(roman(word)) if len(word) > 1 and set(word) <= set("IVX") and roman(word) else ""
+
+
 def roman_numeral(word: str, before: str, following: str) -> str:
     """A Roman numeral after the word that it numbers: ``Chapter IV``, ``Henry VIII``; empty if it is none here.
 

@@ -22,10 +22,16 @@ _ORDINALS = {
 }  # fmt: skip
 _ROMAN = {"I": 1, "V": 5, "X": 10, "L": 50, "C": 100, "D": 500, "M": 1000}
 _ROMAN_NUMERAL = re.compile(r"(?=.)M{0,3}(?:CM|CD|D?C{0,3})(?:XC|XL|L?X{0,3})(?:IX|IV|V?I{0,3})\Z")
+_WITH_POINTS = re.compile(r"([-+±~]?[$€£¥₹₩]?)([1-9][0-9]{0,2}(?:\.[0-9]{3}){2,})(?:,([0-9]{1,2}))?([^\d.,'/:_-]*)\Z")
+_WITH_APOSTROPHES = re.compile(
+    r"([-+±~]?[$€£¥₹₩]?)([1-9][0-9]{0,2}(?:'[0-9]{3})+)(?:[.,]([0-9]{1,2}))?([^\d.,'/:_-]*)\Z"
+)
 _THOUSANDS = re.compile(r"[0-9]{1,3}(?:,[0-9]{3})+\Z")
 
 PLAIN = r"(?:[0-9]{1,3}(?:,[0-9]{3})+|[0-9]+)(?:\.[0-9]+)?|\.[0-9]+"
 """A number without a sign, as a regular expression: ``5``, ``1,234.5``, ``.5``."""
+
+_SCIENTIFIC = re.compile(rf"({PLAIN})[eE]([-+]?)([0-9]{{1,3}})\Z")
 
 
 def cardinal(number: int) -> str:
@@ -85,6 +91,31 @@ def number(text: str) -> str:
     before, point, after = text.partition(".")
     said = whole(before) if before else "zero" if point else ""
     return f"{said} point {digits(after)}" if after else said
+
+
+def scientific(text: str) -> str:
+    """``3.2e-5`` as ``three point two times ten to the minus five``; empty if it is no such number."""
+    found = _SCIENTIFIC.match(text)
+    if not found:
+        return ""
+    minus = "minus " if found[2] == "-" else ""
+    return f"{number(found[1])} times ten to the {minus}{cardinal(int(found[3]))}"
+
+
+def with_commas(text: str) -> str:
+    """A number grouped as elsewhere (``1.000.000,50``, ``10'000``) as ``1,000,000.50``; anything else as it is.
+
+    ``1.000`` is a decimal number, and four parts up to 255 are the address of a computer.
+    """
+    if "'" not in text and text.count(".") < 2:
+        return text
+    found = _WITH_POINTS.match(text) or _WITH_APOSTROPHES.match(text)
+    if not found:
+        return text
+    groups = re.split("[.']", found[2])
+    if len(groups) == 4 and "." in found[2] and all(int(group) < 256 and group[0] != "0" for group in groups):
+        return text
+    return f"{found[1]}{','.join(groups)}{'.' + found[3] if found[3] else ''}{found[4]}"
 
 
 def grouped(text: str) -> bool:

@@ -1,6 +1,6 @@
 import pytest
 
-from app.tts.reading.names import abbreviation, capitalised, roman_numeral
+from app.tts.reading.names import abbreviation, capitalised, roman_enumerator, roman_numeral
 
 
 @pytest.mark.parametrize(
@@ -52,3 +52,11 @@ def test_roman_numerals(word: str, before: str, following: str, said: str) -> No
 def test_capitals() -> None:
     assert capitalised("Über")
     assert not capitalised("")
+
+
+def test_roman_enumerators() -> None:
+    assert [roman_enumerator(word) for word in ("II", "XIV", "I", "V", "IIII", "CD", "ii", "")] == [
+        "two",
+        "fourteen",
+        *[""] * 6,
+    ]

@@ -3,7 +3,18 @@ from hibari.g2p import numbers as hibari_numbers
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.tts.reading.numbers import cardinal, digits, fraction, number, ordinal, plural, roman, year
+from app.tts.reading.numbers import (
+    cardinal,
+    digits,
+    fraction,
+    number,
+    ordinal,
+    plural,
+    roman,
+    scientific,
+    with_commas,
+    year,
+)
 
 
 def plain(words: str) -> str:
@@ -52,6 +63,44 @@ def test_years(written: str, said: str) -> None:
 )
 def test_numbers(written: str, said: str) -> None:
     assert number(written) == said
+
+
+@pytest.mark.parametrize(
+    ("written", "said"),
+    [
+        ("3.2e-5", "three point two times ten to the minus five"),
+        ("1E+06", "one times ten to the six"),
+        ("6.02e23", "six point zero two times ten to the twenty three"),
+        ("2e", ""),
+        ("e5", ""),
+        ("1e5.5", ""),
+    ],
+)
+def test_scientific(written: str, said: str) -> None:
+    assert scientific(written) == said
+
+
+@pytest.mark.parametrize(
+    ("written", "commas"),
+    [
+        ("1.000.000", "1,000,000"),
+        ("-12.345.678,90€", "-12,345,678.90€"),
+        ("10'000", "10,000"),
+        ("$1'234'567.50", "$1,234,567.50"),
+        ("1.234.567.890", "1,234,567,890"),
+        *((same, same) for same in ("1.000", "1.00.000", "0.123.456", "10.100.200.100", "v1.000.000", "1.000.000.5")),
+        *((same, same) for same in ("10'00", "5'10", "1'000.000", "don't", "24.11.2026", "1.000'000", "")),
+    ],
+)
+def test_with_commas(written: str, commas: str) -> None:
+    assert with_commas(written) == commas
+
+
+@given(st.integers(10**6, 10**15))
+def test_every_grouping_is_the_same_number(value: int) -> None:
+    assert with_commas(f"{value:,}".replace(",", "'")) == f"{value:,}"
+    assert with_commas(f"{value:,}".replace(",", ".")) in (f"{value:,}", f"{value:,}".replace(",", "."))
+    assert number(with_commas(f"{value:,}".replace(",", "'"))) == number(str(value))
 
 
 def test_parts_of_numbers() -> None:
