@@ -27,6 +27,7 @@ NAMES = {
     "#": "hash", ":": "colon", "@": "at", "+": "plus", "%": "percent", "~": "tilde", "\\": "backslash",
     "*": "star", "$": "dollar", "!": "exclamation mark",
 }  # fmt: skip
+_SCHEME = re.compile(r"([a-z]{2,6}):/{2,}\Z", re.IGNORECASE)
 _URL = re.compile(r"(?:([a-z]{2,6})://|(?=www\.))(?:www\.)?(\S+)\Z", re.IGNORECASE)
 _BARE = re.compile(r"(?:www\.)?([A-Za-z0-9.-]+)(?::[0-9]{1,5})?(?:[/?#]\S*)?\Z")
 _MAIL = re.compile(r"(?:mailto:)?([A-Za-z0-9._%+-]+)@([A-Za-z0-9.-]+\.[A-Za-z]{2,})\Z")
@@ -41,12 +42,14 @@ _CAMEL = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[^\W\dA-Z_]+|[0-9]+")
 def address(text: str) -> str:
     """A URL, e-mail address, bare domain, file name, path, handle or hashtag as words; empty if it is none.
 
-    ``https://`` and ``www.`` are not said, nor a slash at the end.
+    ``https://`` and ``www.`` are not said before an address, nor a slash at the end.
     """
     if len(text) < 2:
         return ""
     if found := _MAIL.match(text):
         return f"{_said(found[1])} at {_said(found[2])}"
+    if found := _SCHEME.match(text):
+        return _word(found[1])
     if found := _URL.match(text):
         return _said(found[2].rstrip("/") or found[2])
     if found := _HANDLE.match(text):

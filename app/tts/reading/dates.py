@@ -16,8 +16,8 @@ WEEKDAYS: dict[str, str] = {
     "mon": "Monday", "tue": "Tuesday", "tues": "Tuesday", "wed": "Wednesday", "thu": "Thursday", "thur": "Thursday",
     "thurs": "Thursday", "fri": "Friday", "sat": "Saturday", "sun": "Sunday",
 }  # fmt: skip
-_ISO = re.compile(r"([0-9]{4})-([0-9]{1,2})-([0-9]{1,2})\Z")
-_NUMERIC = re.compile(r"([0-9]{1,2})([/.])([0-9]{1,2})\2([0-9]{4}|[0-9]{2})\Z")
+_ISO = re.compile(r"([0-9]{4})([-/])([0-9]{1,2})\2([0-9]{1,2})\Z")
+_NUMERIC = re.compile(r"([0-9]{1,2})([-/.])([0-9]{1,2})\2([0-9]{4}|[0-9]{2})\Z")
 _TIMESTAMP = re.compile(
     r"([0-9]{4}-[0-9]{2}-[0-9]{2})T([0-9]{2}:[0-9]{2}(?::[0-9]{2})?)(?:\.[0-9]+)?(?:Z|[+-][0-9:]+)?\Z"
 )
@@ -41,7 +41,9 @@ def is_year(text: str) -> bool:
 
 
 def date(text: str) -> str:
-    """A date in figures: ``2026-11-24``, ``11/24/2026`` (month first, unless it is over 12), ``24.11.2026``.
+    """A date in figures: ``2026-11-24``, ``2026/11/24``, ``24.11.2026``, ``11/24/2026``, ``11-24-2026``.
+
+    Without points, the month is first, unless it is over 12.
 
     Returns:
         ``November twenty fourth, twenty twenty six``; empty if it is no date.
@@ -50,12 +52,12 @@ def date(text: str) -> str:
         on, at = date(found[1]), time(found[2])
         return f"{on}, {at}" if on and at else ""
     if found := _ISO.match(text):
-        return _date(int(found[1]), int(found[2]), int(found[3]))
+        return _date(int(found[1]), int(found[3]), int(found[4]))
     if not (found := _NUMERIC.match(text)):
         return ""
     first, second, of = int(found[1]), int(found[3]), int(found[4])
     if len(found[4]) == 2:
-        if found[2] == ".":  # 1.2.10 is a version
+        if found[2] != "/":  # 1.2.10 is a version, 1-2-10 a score
             return ""
         of += 1900 if of > 50 else 2000
     if found[2] == "." or first > 12:

@@ -19,6 +19,8 @@ from app.tts.reading.addresses import address, camel
         ("report.pdf", "report dot P.D.F"),
         ("/usr/local/bin", "slash usr slash local slash bin"),
         ("C:\\temp\\", "C colon backslash temp"),
+        ("http://", "H.T.T.P"),
+        ("file:///", "file"),
         ("hello", ""),
         ("3.14", ""),
         ("end.Next", ""),
