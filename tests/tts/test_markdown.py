@@ -24,7 +24,7 @@ from app.tts.markdown import strip_markdown
         ("a\n---\nb", "a\n\nb"),
         ("Title\n=====", "Title\n"),
         ("| a | b |\n|---|:-:|\n| 1 |  |", "a, b\n1"),
-        ("Pets:\n| pet | says |\n|---|---|\n| `cat` | meow |\n| Dog | woof |", "Pets:\n\npet, says\n\ncat, meow\nDog, woof"),
+        ("Who:\n| a | B |\n|---|---|\n| `c` | d |\n| E | f |", "Who:\n\na, B\n\nc, d\nE, f"),
         (r"\*not\* \# this", "*not* # this"),
         ("-5 degrees", "-5 degrees"),
         ("", ""),

@@ -49,6 +49,20 @@ def said(text: str) -> str:
         ("2026 people came", "two thousand twenty six people came"),
         ("the 1st, 22nd and 100th", "the first, twenty second and one hundredth"),
         ("1234567812345678", " ".join(["one", "two", "three", "four", "five", "six", "seven", "eight"] * 2)),
+        ("3.2e-5, -1e6.", "three point two times ten to the minus five, minus one times ten to the six."),
+        ("1.000.000 euros, €1.000.000,50", "one million euros, one million euros and fifty cents"),
+        ("10'000 km, -1'234'567.5", "ten thousand kilometers, minus one million two hundred thirty four thousand five "
+         "hundred sixty seven point five"),
+        ("v1.200.300, 10.100.100.101", "version one point two hundred point three hundred, ten dot one hundred dot one "
+         "hundred dot one hundred one"),
+        ("$5M–$10M, $500K-$1M", "five million to ten million dollars, five hundred thousand to one million dollars"),
+        ("$5-10M, €5–€10, $1-$2 million", "five to ten million dollars, five to ten euros, one to two million dollars"),
+        ("20%–30% of the 2nd–3rd", "twenty to thirty percent of the second to third"),
+        ("10am–5pm. 9-5pm.", "ten A.M to five P.M. nine to five P.M."),
+        ("2026/11/24, 3-5-1999", "November twenty fourth, twenty twenty six, March fifth, nineteen ninety nine"),
+        # headings
+        ("II. Main", "two. Main"),
+        ("IV) main, V. Main", "four) main, V Main"),
         # telephones
         ("Call 555-123-4567.", "Call five five five, one two three, four five six seven."),
         ("(555) 123-4567", "five five five, one two three, four five six seven"),
@@ -58,6 +72,7 @@ def said(text: str) -> str:
         ("rows 5 6 7", "rows five six seven"),
         # addresses
         ("See https://www.example.org/a.", "See example dot org slash a."),
+        ("http:// or (https://).", "H.T.T.P or (H.T.T.P.S)."),
         ("mail jane.doe@example.org, please", "mail jane dot doe at example dot org, please"),
         ("#HelloWorld by @jane_doe", "hashtag Hello World by at jane underscore doe"),
         # letters and names
@@ -121,6 +136,7 @@ BITS = [
     " a.m.", "Jan. ", "May ", "5th", "2026", "St. ", "Dr. ", "NASA", "CDs", "IV", " I ", "www.", "example.com", "@",
     "#", "(", ")", '"', "'", "s", "x", "X", "+", "*", "_", "&", " ", "  ", "USD", " million", "é", "你", "\u0301",
     "٣", "①", "\n", "|", "\\", ".", "...", "555", "-1234", "A", "b.", "~", "=", "<", ">", "^", "[", "]", "!", "'s",
+    "1e-", "e", "'000", ".000", "2nd-", "am-", "%-", "II. ", "://",
 ]  # fmt: skip
 MESS = st.lists(st.sampled_from(BITS), max_size=40).map("".join)
 

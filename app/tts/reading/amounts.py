@@ -80,10 +80,10 @@ _AMOUNT = re.compile(
     rf"({_SIGN})({PLAIN})(?:(?:-|\.\.\.)({_SIGN})({PLAIN}))?({_UNIT})([²³]|\^?[23])?(?:/([A-Za-z²]+))?\Z"
 )
 _MONEY = re.compile(
-    rf"([-+~±]?)(US|AU?|CA?|NZ)?([$€£¥₹₩])(-?)({PLAIN})(?:-\3?({PLAIN}))?"
-    r"(k|K|mn|M|m|bn|B|b|tn)?(?:/([A-Za-z²]+))?\Z"
+    rf"([-+~±]?)(US|AU?|CA?|NZ)?([$€£¥₹₩])(-?)({PLAIN})(k|K|mn|M|m|bn|B|b|tn)?"
+    rf"(?:[-—]\2?\3?({PLAIN})(k|K|mn|M|m|bn|B|b|tn)?)?(?:/([A-Za-z²]+))?\Z"
 )
-_AFTER = re.compile(rf"({_SIGN})({PLAIN})(?:-({PLAIN}))?(k|K|mn|M|m|bn|B|b|tn)?([$€£¥₹₩])\Z")
+_AFTER = re.compile(rf"({_SIGN})({PLAIN})(?:[-—]({PLAIN}))?(k|K|mn|M|m|bn|B|b|tn)?([$€£¥₹₩])\Z")
 _FRACTION = re.compile(rf"({_SIGN})([0-9]{{1,4}})/([0-9]{{1,4}})\Z")
 _SIGNS = {"": "", "-": "minus ", "+": "plus ", "±": "plus or minus ", "~": "about "}
 _VULGAR = {"½": (1, 2), "¼": (1, 4), "¾": (3, 4)}
@@ -102,7 +102,7 @@ def magnitude(text: str) -> str:
 
 
 def money(text: str, following: str = "") -> tuple[str, str]:
-    """An amount of money in one written word: ``$3.50``, ``£1.2bn``, ``5€``, ``$5-10``, ``$100/month``.
+    """An amount of money in one written word: ``$3.50``, ``£1.2bn``, ``5€``, ``$5-10``, ``$5M-$10M``, ``$9/month``.
 
     Args:
         following: the next written word if it is a magnitude ("million"), else empty.
@@ -110,10 +110,11 @@ def money(text: str, following: str = "") -> tuple[str, str]:
     Returns:
         what is said for this word, and for the next one if it is a magnitude; both empty if this is no money.
     """
-    per = ""
+    per = few = ""
     if found := _MONEY.match(text):
-        minus, country, symbol, low, high = found[1] or found[4], found[2], found[3], found[5], found[6]
-        size, per = found[7], found[8]
+        minus, country, symbol, low = found[1] or found[4], found[2], found[3], found[5]
+        high, size, per = found[7], found[8] if found[7] else found[6], found[9]
+        few = magnitude(found[6] or "") if high else ""  # of the lower one
     elif found := _AFTER.match(text):
         minus, country, symbol, low, high, size = found[1], None, found[5], found[2], found[3], found[4]
     else:
@@ -127,9 +128,9 @@ def money(text: str, following: str = "") -> tuple[str, str]:
     if following:
         return f"{said}{_span(low, high)}", f"{magnitude(following)} {many}"
     if size:
-        return f"{said}{_span(low, high)} {magnitude(size)} {many}{per or ''}", ""
+        return f"{said}{_span(low, high, few)} {magnitude(size)} {many}{per or ''}", ""
     if high:
-        return f"{said}{_span(low, high)} {many}{per or ''}", ""
+        return f"{said}{_span(low, high, few)} {many}{per or ''}", ""
     units, _, cents = low.partition(".")
     if len(cents) != 2 or not small:
         return f"{said}{number(low)} {single if one(low) else many}{per or ''}", ""
@@ -138,8 +139,9 @@ def money(text: str, following: str = "") -> tuple[str, str]:
     return said + " and ".join(filter(None, (notes, coins))) + (per or ""), ""
 
 
-def _span(low: str, high: str | None) -> str:
-    return f"{number(low)} to {number(high)}" if high else number(low)
+def _span(low: str, high: str | None, few: str = "") -> str:
+    """``five million to ten``; `few`: the magnitude of the lower number, if it is written."""
+    return f"{number(low)}{' ' * bool(few)}{few} to {number(high)}" if high else number(low)
 
 
 def amount(text: str) -> str:

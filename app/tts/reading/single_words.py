@@ -11,7 +11,8 @@ from app.align.dictionary import Dictionary
 from app.align.spelling import spell
 from app.tts.reading import amounts, dates, letters
 from app.tts.reading.addresses import address
-from app.tts.reading.numbers import PLAIN, cardinal, digits, number, ordinal, whole, year
+from app.tts.reading.numbers import PLAIN, cardinal, digits, number, ordinal, scientific, whole, year
+from app.tts.reading.ranges import between
 from app.tts.reading.word_list import these
 
 _NUMBER = re.compile(rf"([-+±~]?)({PLAIN})\Z")
@@ -21,6 +22,7 @@ _RATIO = re.compile(r"([0-9]{1,4}):([0-9]{1,4})\Z")
 _TIMES = re.compile(rf"({PLAIN})[x×]({PLAIN})\Z")
 _TIMES_AS_MUCH = re.compile(rf"({PLAIN})[x×]\Z")
 _FEET = re.compile(r"([0-9])'([0-9]{1,2})\Z")
+_SIGNED = re.compile(r"([-+±~]?)(.+)\Z", re.DOTALL)
 _SHORTENED = re.compile(rf"([-+~]?)({PLAIN})(k|K|M|B|bn|mn)\Z")
 _VERSION = re.compile(r"([vV]?)([0-9]{1,4}(?:\.[0-9]{1,4}){2,})\Z")
 _RUNS = re.compile(r"[^\W\d_²³¹½¼¾]+(?:'[^\W\d_²³¹½¼¾]+)*|[0-9]+(?:,[0-9]{3})*(?:\.[0-9]+)?|.", re.DOTALL)
@@ -92,8 +94,10 @@ class SingleWords:
         for reading in (dates.date, dates.time, dates.decade, amounts.amount, amounts.slashed, amounts.vulgar):
             if said := reading(core):
                 return said
-        if said := amounts.money(core)[0]:
+        if said := amounts.money(core)[0] or between(core):
             return said
+        if (found := _SIGNED.match(core)) and (said := scientific(found[2])):
+            return amounts.sign(found[1]) + said
         if found := _RANGE.match(core):
             return f"{self._number('', found[1], '')} to {self._number('', found[2], following)}"
         if found := _RATIO.match(core):
