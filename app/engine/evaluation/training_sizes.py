@@ -71,7 +71,7 @@ def training_sizes(
         spoken = [Spoken(each.phones, each.coefficients, each.counted, each.sound) for each in part]
         minutes = sum(len(each.counted) for each in part) / FPS / 60
         try:
-            model = fit(name, spoken, rest, fps=FPS, seed=against.seed)
+            model = fit(name, spoken, rest, fps=FPS, seed=against.seed, modes=by.modes)
         except TrainingFailed:
             points.append(SizePoint(name, size, minutes, None))
             continue

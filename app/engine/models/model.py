@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.engine.models.sound import Sound
+from app.engine.modes import Modes
 from app.engine.stored_arrays import StoredArrays
 from app.speech import Phone
 
@@ -108,3 +109,20 @@ class Kind(Protocol):
             BadPack: they are not what they should be.
             KeyError: one is missing.
         """
+
+
+@runtime_checkable
+class SeeingKind(Kind, Protocol):
+    """A kind that is trained better if it knows what mouths look like.
+
+    Attributes:
+        sees: always True; tells it from other kinds.
+    """
+
+    sees: bool
+
+    def fit(
+        self, spoken: Sequence[Spoken], rest: Float, *, fps: float, seed: int, progress: Callable[[float], None],
+        modes: Modes | None = None,
+    ) -> TrajectoryModel:  # fmt: skip
+        """See `Kind.fit`; `modes` draw mouths of the coefficients."""

@@ -7,7 +7,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from app.engine.models.model import Kind, Spoken, TrajectoryModel
+from app.engine.models.model import Kind, SeeingKind, Spoken, TrajectoryModel
+from app.engine.modes import Modes
 from app.errors import BadPack, NotFound, TrainingFailed
 from app.plugins import Plugins
 from app.speech import PHONES, SILENCE
@@ -23,6 +24,7 @@ KINDS: Plugins[Kind] = Plugins(
         DEFAULT: ("app.engine.models.gaussian", "GaussianKind"),
         "hmm": ("app.engine.models.hmm", "HmmKind"),
         "phone-mean": ("app.engine.models.phone_mean", "PhoneMeanKind"),
+        "network": ("app.engine.models.network", "NetworkKind"),
         "vlmm-gpdm": ("app.engine.models.gpdm_kinds", "VlmmGpdmKind"),
         "voice-puppetry": ("app.engine.models.voice_puppetry_training", "VoicePuppetryKind"),
         "phone-gpdm": ("app.engine.models.gpdm_kinds", "PhoneGpdmKind"),
@@ -59,8 +61,9 @@ def fit(
     fps: float,
     seed: int = 0,
     progress: Callable[[float], None] = lambda _: None,
+    modes: Modes | None = None,
 ) -> TrajectoryModel:
-    """Train a model of one kind; see `Kind.fit`.
+    """Train a model of one kind; see `Kind.fit`, and `SeeingKind.fit` for `modes`.
 
     Raises:
         NotFound, MissingExtra: see `kind`.
@@ -69,6 +72,8 @@ def fit(
     wanted = kind(name)
     heard = [each for each in spoken if each.counted.any()]
     check_spoken(wanted, heard, rest, fps)
+    if isinstance(wanted, SeeingKind):
+        return wanted.fit(heard, rest, fps=fps, seed=seed, progress=progress, modes=modes)
     return wanted.fit(heard, rest, fps=fps, seed=seed, progress=progress)
 
 

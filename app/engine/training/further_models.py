@@ -10,6 +10,7 @@ from app.engine.models.model import Spoken
 from app.engine.models.model_file import save_trajectory
 from app.engine.models.registry import DEFAULT, KINDS, check_kinds, fit, kind
 from app.engine.models.sound import Sound
+from app.engine.modes import Modes
 from app.engine.pack import FPS, MODEL, MODELS, digest
 from app.engine.selection_library import NAME as SELECTION
 from app.engine.training.articulation import spoken_passages
@@ -52,7 +53,7 @@ def heard_passages(corpus: Corpus, coefficients: Float, rest: Float, hear: Hear 
 
 def train_further(
     names: Sequence[str], spoken: Sequence[Spoken], rest: Float, draft: Path, workspace: Workspace, *, seed: int,
-    progress: Progress,
+    progress: Progress, mouths: Modes | None = None,
 ) -> None:  # fmt: skip
     """Train models and write them into a pack that has its `model.npz`; finished ones are kept in the workspace.
 
@@ -64,6 +65,7 @@ def train_further(
         workspace: keeps what is finished.
         seed: of everything random.
         progress: see `Progress`.
+        mouths: the pack's modes, for kinds that look at what they say.
 
     Raises:
         NotFound, MissingExtra: see `app.engine.models.registry.kind`.
@@ -82,7 +84,9 @@ def train_further(
         made = kind(name)
         arrays = workspace.step(
             f"model_{name}", key(of_speech, name, made.version),
-            lambda name=name, told=told: fit(name, spoken, rest, fps=FPS, seed=seed, progress=told).to_arrays(),  # type: ignore[misc]
+            lambda name=name, told=told: fit(  # type: ignore[misc]
+                name, spoken, rest, fps=FPS, seed=seed, progress=told, modes=mouths
+            ).to_arrays(),
         )  # fmt: skip
         save_trajectory(draft / MODELS / f"{name}.npz", made, arrays, modes=modes)
 

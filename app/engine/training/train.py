@@ -165,7 +165,7 @@ def train(
         save_model(draft / MODEL, modes, appearance.morphable, learnt.articulation.model, baked)
         if kinds:
             spoken = heard_passages(corpus, appearance.coefficients, appearance.rest, hear)
-            train_further(kinds, spoken, appearance.rest, draft, workspace, seed=seed, progress=progress)
+            train_further(kinds, spoken, appearance.rest, draft, workspace, seed=seed, progress=progress, mouths=modes)
         if SELECTION in models:
             write_samples(
                 draft, corpus, appearance.coefficients, modes, appearance.rest, baked, seed=seed,
