@@ -1,7 +1,7 @@
 """What the network reads of every frame: the phones around it, and the sound around it.
 
-Nothing later than `LOOK` seconds after a frame is read, so that live sound and live text can be spoken from as whole
-sentences are.
+Nothing later than 0.28 s (phones) or 0.2 s (sound) after a frame is read, so that live sound and live text can be
+spoken from as whole sentences are.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from app.speech import PHONES, SILENCE, Phone
 Float = NDArray[np.float32]
 Array = NDArray[np.float64]
 
-BEFORE, AFTER = 6, 4
-"""Frames that are read before and after each."""
+BEFORE, AFTER, HEARD_AFTER = 6, 6, 4
+"""Frames that are read before each, and after it of phones and of sound."""
 LEAD = 0.02
 """Seconds by which phones are read ahead of the frame; `BEFORE` and `AFTER` leave room for other talkers."""
-LOOK = 0.2
-"""Seconds after a frame of which nothing is read: at 25 frames a second `AFTER` frames, their half, and `LEAD`."""
+LOOK, HEARD_LOOK = 0.28, 0.2
+"""Seconds after a frame from which on no phones and no sound are read: the frames after it, half of one, and `LEAD`."""
 NEIGHBOURS = (-2, -1, 0, 1, 2)
 """Phones that are read, counted from the one that sounds."""
 LONG = 0.4
@@ -41,7 +41,7 @@ WIDEST = 4.0
 """Standard deviations of a cepstral coefficient; others count as so far away."""
 
 PHONE_FEATURES = (BEFORE + 1 + AFTER + len(NEIGHBOURS)) * len(PHONES) + 3
-SOUND_FEATURES = (BEFORE + 1 + AFTER) * PARTS * COUNT
+SOUND_FEATURES = (BEFORE + 1 + HEARD_AFTER) * PARTS * COUNT
 
 _INDEX = {symbol: at for at, symbol in enumerate(PHONES)}
 
@@ -67,7 +67,7 @@ def phone_features(phones: Sequence[Phone], first: int, count: int, fps: float, 
     shares = _shares(symbols, starts, ends, np.arange(first - BEFORE, first + count + AFTER) / fps + LEAD, 0.5 / fps)
     now = np.arange(first, first + count) / fps + LEAD + TIE
     place = np.minimum(np.searchsorted(ends, now, side="right"), len(joined) - 1)
-    columns = [windows(shares, count)]
+    columns = [windows(shares, count, AFTER)]
     for distance in NEIGHBOURS:
         there = np.clip(place + distance, 0, len(joined) - 1)
         inside = (place + distance >= 0) & (place + distance < len(joined))
@@ -102,7 +102,7 @@ class Hearing:
 
     def features(self, sound: Sound, first: int, count: int, fps: float) -> Float:
         """(count, SOUND_FEATURES) of the frames from number `first` on; frame n is at n / fps, as with phones."""
-        frames = count + BEFORE + AFTER
+        frames = count + BEFORE + HEARD_AFTER
         steps = PARTS * TAKEN
         centres = (first - BEFORE - 0.5 + (np.arange(frames * steps) + 0.5) / steps) / fps
         near = cut(sound, float(centres[0]), float(centres[-1]))
@@ -113,7 +113,7 @@ class Hearing:
         heard = np.where(cepstra[:, :1] < self.quiet[0], self.quiet, cepstra)
         heard = np.clip((heard - self.mean) / self.deviation, -WIDEST, WIDEST)
         heard = heard.reshape(-1, TAKEN, COUNT).mean(1).reshape(-1, PARTS * COUNT)
-        return windows(heard, count).astype(np.float32)
+        return windows(heard, count, HEARD_AFTER).astype(np.float32)
 
     def knows(self, sound: Sound, end: float) -> bool:
         """Whether this is the talker's voice, from half a second of loud sound or more before `end` (seconds).
@@ -180,9 +180,9 @@ def loud_mean(track: Float, quiet: float, loud: float) -> Float | None:
     return np.asarray(chosen.mean(0), np.float32)
 
 
-def windows(rows: NDArray[Any], count: int) -> NDArray[Any]:
-    """(count, (BEFORE + 1 + AFTER) * F): each row with those before and after it, of (BEFORE + count + AFTER, F)."""
-    return np.concatenate([rows[at : at + count] for at in range(BEFORE + 1 + AFTER)], 1)
+def windows(rows: NDArray[Any], count: int, after: int) -> NDArray[Any]:
+    """(count, (BEFORE + 1 + after) * F): each row with those before and after it, of (BEFORE + count + after, F)."""
+    return np.concatenate([rows[at : at + count] for at in range(BEFORE + 1 + after)], 1)
 
 
 def cut(sound: Sound, start: float, end: float) -> Sound:

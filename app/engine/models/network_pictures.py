@@ -22,10 +22,10 @@ Float = NDArray[np.float32]
 
 COMPONENTS = 60
 """Of the pictures, as many as models are scored by."""
-DRAWN, ANALYSED = 8000, 2000
+DRAWN, ANALYSED = 16_000, 2000
 """Mouths that are drawn, and those of them that the components are learnt from."""
-HIDDEN, EPOCHS, BATCH, RATE, DECAY = 192, 40, 128, 2e-3, 1e-4
-EVENNESS = 0.25
+HIDDEN, EPOCHS, BATCH, RATE, DECAY = 192, 25, 128, 2e-3, 1e-4
+EVENNESS = 0.1
 """Components count by this power of their variance: 1 as pixels do, 0 all alike."""
 
 

@@ -17,7 +17,7 @@ Float = NDArray[np.float32]
 
 LONGEST = 100
 """Frames of a piece that is trained on at once; longer ones are cut, and read what is before the cut all the same."""
-LOUDER = 6.0
+LOUDER = 4.0
 """dB by which sound is made louder or softer at random, at most."""
 DECIBEL = np.log(10) / 10 * np.sqrt(40)
 """What one adds to the first cepstral coefficient: 40 filters, an orthonormal transform."""

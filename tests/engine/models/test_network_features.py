@@ -7,6 +7,7 @@ import soxr
 from app.engine.models.network_features import (
     AFTER,
     BEFORE,
+    HEARD_LOOK,
     LOOK,
     PHONE_FEATURES,
     SOUND_FEATURES,
@@ -59,11 +60,11 @@ def test_pieces_read_what_the_whole_reads(hearing: Hearing) -> None:
 @pytest.mark.parametrize("frame", [3, 10, 17])
 def test_nothing_later_than_the_look_ahead_is_read(hearing: Hearing, frame: int) -> None:
     known = frame / FPS + LOOK
-    cut = [each for each in SAID if each.start < known] + [Phone("F", 9.0, 9.1)]  # what comes later is another thing
+    cut = [each for each in SAID if each.start <= known] + [Phone("F", 9.0, 9.1)]  # what comes later is another thing
     cut[-2] = Phone(cut[-2].symbol, cut[-2].start, max(cut[-2].end, known))
     whole = phone_features(SAID, frame, 1, FPS, PHONES)
     np.testing.assert_allclose(phone_features(cut, frame, 1, FPS, PHONES), whole, atol=1e-5)
-    sound = voice(110, 9)
+    sound, known = voice(110, 9), frame / FPS + HEARD_LOOK
     expected = hearing.features(sound, frame, 1, FPS)
     until = Sound(sound.samples[: round(known * 16_000)], 16_000)
     np.testing.assert_allclose(hearing.features(until, frame, 1, FPS), expected, atol=1e-4)
