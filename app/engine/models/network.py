@@ -3,12 +3,15 @@
 One ensemble for each of them. From phones and sound, what is said is the mean of what the ensemble that reads only
 phones and the one that reads both say; the sound counts only if it is the talker's own voice (of another, synthetic
 ones for example, the networks know nothing). From sound alone speaks the ensemble that reads only sound.
+
+Networks need minutes of speech. Of less, Gaussians (`app.engine.trajectory`) make more, so what is said from phones is
+a mixture of both, in the shares that are best on sentences left out.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -16,6 +19,7 @@ import numpy as np
 import onnxruntime
 from numpy.typing import NDArray
 
+from app.engine.models.gaussian import load_gaussian
 from app.engine.models.labels import frame_phones
 from app.engine.models.model import Input, Spoken
 from app.engine.models.network_features import (
@@ -28,10 +32,11 @@ from app.engine.models.network_features import (
 from app.engine.models.network_layers import PAST
 from app.engine.models.network_onnx import INPUT, session, to_onnx
 from app.engine.models.network_pictures import learn_pictures
-from app.engine.models.network_training import Options, lessons, train, unstandardised
+from app.engine.models.network_training import Options, best_share, lessons, train, unstandardised
 from app.engine.models.sound import Sound
 from app.engine.modes import Modes
 from app.engine.stored_arrays import StoredArrays
+from app.engine.trajectory import GaussianTrajectory
 from app.errors import BadPack, TrainingFailed
 from app.speech import PHONES, SILENCE, Phone
 
@@ -41,6 +46,10 @@ FEATURES = {"phones": PHONE_FEATURES, "sound": SOUND_FEATURES, "both": PHONE_FEA
 """Ensembles, and how many features each of them reads."""
 AT_REST = (0.7, 1.2)
 """Seconds from speech from which on the mouth comes to rest, and at which it is."""
+AROUND = 8
+"""Frames."""
+GAUSSIAN = "gaussian_"
+"""Of the names of the Gaussians' arrays."""
 JOIN_FRAMES = 4
 """Frames within which what the frames before differ by is made up for."""
 
@@ -55,6 +64,8 @@ class NetworkTrajectory:
         rest: (K,) the mouth at rest.
         fps: frames a second.
         hearing: how the recording sounds; None if there was no sound.
+        gaussian: Gaussians of the same talker.
+        share: of them in what is said from phones, 0 to 1.
     """
 
     networks: dict[str, bytes]
@@ -62,6 +73,8 @@ class NetworkTrajectory:
     rest: Float
     fps: float
     hearing: Hearing | None
+    gaussian: GaussianTrajectory
+    share: float
 
     name = "network"
 
@@ -86,7 +99,9 @@ class NetworkTrajectory:
         """See `app.engine.models.model.TrajectoryModel`."""
         arrays: dict[str, NDArray[Any]] = {
             "phones": np.array(self.phones), "rest": self.rest, "fps": np.array([self.fps]),
+            "share": np.array([self.share]),
         }  # fmt: skip
+        arrays |= {GAUSSIAN + name: array for name, array in self.gaussian.to_arrays().items()}
         arrays |= {f"network_{reads}": np.frombuffer(model, np.uint8) for reads, model in self.networks.items()}
         if self.hearing is not None:
             names = ("mean", "deviation", "quiet", "voice", "spread")
@@ -106,6 +121,8 @@ class NetworkTrajectory:
             read["sound"] = self.hearing.features(sound, first - PAST, count + PAST, self.fps)
         rows: Float = np.mean([self._run(reads, features) for reads, features in read.items()], 0)
         if "sound" not in read:
+            if self.share:
+                rows = rows + np.float32(self.share) * (around(self.gaussian, phones, first, count) - rows)
             rows = self.rest + awake(phones, first, count, self.fps)[:, None] * (rows - self.rest)
         return rows
 
@@ -117,6 +134,16 @@ class NetworkTrajectory:
     def _sessions(self) -> dict[str, onnxruntime.InferenceSession]:
         """Ready to run; several threads may run one at once."""
         return {reads: session(model) for reads, model in self.networks.items()}
+
+
+def around(model: GaussianTrajectory, phones: Sequence[Phone], first: int, count: int) -> Float:
+    """(count, K) that Gaussians say from frame number `first` on, so that pieces are near the whole.
+
+    They are asked for `AROUND` frames more on both sides, which is as far as what they say depends on.
+    """
+    start = first - AROUND
+    later = [Phone(each.symbol, each.start - start / model.fps, each.end - start / model.fps) for each in phones]
+    return model.predict(later, count + 2 * AROUND)[AROUND : AROUND + count]
 
 
 def awake(phones: Sequence[Phone], first: int, count: int, fps: float) -> Float:
@@ -185,7 +212,11 @@ class NetworkKind:
         ends = [len(each.counted) / fps for each in spoken]
         hearing = learn_hearing(sounds, ends) if len(sounds) == len(spoken) else None
         kinds = FEATURES if hearing is not None else {"phones": PHONE_FEATURES}
+        from app.engine.training.articulation import learn_articulation
+
         pictures = None if modes is None else learn_pictures(spoken, standard, modes, seed)
+        articulation = learn_articulation(spoken, rest, seed=seed, progress=lambda part: progress(part / 5))
+        share = best_share(articulation, spoken, standard, trained, fps, replace(options, members=1), seed, pictures)
         networks = {}
         for place, reads in enumerate(kinds):
             given = lessons(
@@ -195,12 +226,15 @@ class NetworkKind:
             found = []
             for member in range(options.members):
 
-                def told(share: float, done: int = place * options.members + member) -> None:
-                    progress((done + share) / options.members / len(kinds))
+                def told(part: float, done: int = place * options.members + member) -> None:
+                    progress(0.25 + 0.75 * (done + part) / options.members / len(kinds))
 
                 found.append(train(given, options, seed + member, pictures=pictures, loudness=loudness, progress=told))
             networks[reads] = to_onnx([unstandardised(each, standard) for each in found])
-        return NetworkTrajectory(networks, trained, np.asarray(rest, np.float32), fps, hearing)
+        progress(1.0)
+        return NetworkTrajectory(
+            networks, trained, np.asarray(rest, np.float32), fps, hearing, articulation.model, share
+        )
 
     def load(self, stored: StoredArrays) -> NetworkTrajectory:
         """From `NetworkTrajectory.to_arrays`; the networks are run once."""
@@ -223,7 +257,14 @@ class NetworkKind:
             if stored_bytes.dtype != np.uint8 or stored_bytes.ndim != 1:
                 raise BadPack(f"{stored.where}: the network that reads {reads} is not a row of bytes")
             networks[reads] = stored_bytes.tobytes()
-        model = NetworkTrajectory(networks, phones, rest, fps, hearing)
+        of_gaussian = {
+            name.removeprefix(GAUSSIAN): each for name, each in stored.arrays.items() if name.startswith(GAUSSIAN)
+        }
+        gaussian = load_gaussian(StoredArrays(stored.where, of_gaussian))
+        share = float(stored.numbers("share", (1,))[0])
+        if not 0 <= share <= 1 or gaussian.rest.shape != rest.shape or gaussian.fps != fps:
+            raise BadPack(f"{stored.where}: the Gaussians do not go with the networks")
+        model = NetworkTrajectory(networks, phones, rest, fps, hearing, gaussian, share)
         _try_out(model, stored.where)
         return model
 

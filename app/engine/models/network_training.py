@@ -12,6 +12,7 @@ from app.engine.models.model import Spoken
 from app.engine.models.network_features import Hearing, phone_features
 from app.engine.models.network_layers import PAST, Adam, Weights, backward, forward, random_weights
 from app.engine.models.network_pictures import Pictures
+from app.engine.training.articulation import LEFT_OUT, Articulation
 
 Float = NDArray[np.float32]
 
@@ -187,3 +188,48 @@ def unstandardised(weights: Weights, standard: tuple[Float, Float]) -> Weights:
     """The same network, saying coefficients as they are."""
     mean, deviation = standard
     return weights | {"w": weights["w"] * deviation, "b": weights["b"] * deviation + mean}
+
+
+SHARES = tuple(number / 10 for number in range(11))
+FEW_SHARE = 0.8
+"""Share of the Gaussians where there are too few sentences to leave any out."""
+
+
+def best_share(
+    articulation: Articulation, spoken: Sequence[Spoken], standard: tuple[Float, Float], trained: Sequence[str],
+    fps: float, options: Options, seed: int, pictures: Pictures | None,
+) -> float:  # fmt: skip
+    """The share of the Gaussians in a mixture with networks that errs least on sentences that neither has heard.
+
+    Args:
+        articulation: the Gaussians, and what they say of sentences left out.
+        spoken: what they were learnt from.
+        standard, trained, fps: see `lessons`.
+        options, seed, pictures: see `train`.
+    """
+    if not articulation.validation:
+        return FEW_SHARE
+    held = list(articulation.validation)
+    said = dict(zip(held, articulation.predicted, strict=True))
+    weight = np.ones_like(standard[1]) if pictures is None else (1 + pictures.seen) / 2
+    errors = np.zeros(len(SHARES))
+    for fold in folds(held, len(spoken)):
+        learnt = [each for place, each in enumerate(spoken) if place not in fold]
+        weights = train(lessons(learnt, standard, fps, trained, None, phones=True), options, seed, pictures=pictures)
+        for place in fold:
+            each = spoken[place]
+            x = features_of(each, -PAST, PAST + len(each.counted), fps, trained, None, phones=True)
+            own = forward(weights, x[None]).out[0, PAST:]
+            true, other = ((rows - standard[0]) / standard[1] for rows in (each.coefficients, said[place]))
+            for at, share in enumerate(SHARES):
+                error = (own + share * (other - own) - true)[each.counted]
+                errors[at] += float((error**2 @ weight).sum())
+    return SHARES[int(errors.argmin())]
+
+
+def folds(held: Sequence[int], count: int) -> list[list[int]]:
+    """Sentences that are left out together: some of all, or, where every one is left out once, every so manyth."""
+    if len(held) < count:
+        return [list(held)]
+    parts = min(LEFT_OUT, count)
+    return [list(range(part, count, parts)) for part in range(parts)]
