@@ -11,7 +11,7 @@ a mixture of both, in the shares that are best on sentences left out.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -216,7 +216,7 @@ class NetworkKind:
 
         pictures = None if modes is None else learn_pictures(spoken, standard, modes, seed)
         articulation = learn_articulation(spoken, rest, seed=seed, progress=lambda part: progress(part / 5))
-        share = best_share(articulation, spoken, standard, trained, fps, replace(options, members=1), seed, pictures)
+        share = best_share(articulation, spoken, standard, trained, fps, options, seed, pictures)
         networks = {}
         for place, reads in enumerate(kinds):
             given = lessons(
