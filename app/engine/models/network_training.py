@@ -192,8 +192,8 @@ def unstandardised(weights: Weights, standard: tuple[Float, Float]) -> Weights:
 
 SHARES = tuple(number / 10 for number in range(11))
 ALIKE = 0.01
-"""Of the error: what is not worse by more is not worse. The least such share is taken, for the networks that will speak
-have heard more, and where there is sound they err less."""
+"""Of the error: what is not worse by more is not worse, and the least such share is taken, for the networks that will
+speak have heard more, and where there is sound they err less. Not of so few sentences that each is left out once."""
 FEW_SHARE = 0.8
 """Share of the Gaussians where there are too few sentences to leave any out."""
 
@@ -229,7 +229,8 @@ def best_share(
             for at, share in enumerate(SHARES):
                 error = (own + share * (other - own) - true)[each.counted]
                 errors[at] += float((error**2 @ weight).sum())
-    return next(share for share, error in zip(SHARES, errors, strict=True) if error <= errors.min() * (1 + ALIKE))
+    alike = ALIKE if len(held) < len(spoken) else 0.0
+    return next(share for share, error in zip(SHARES, errors, strict=True) if error <= errors.min() * (1 + alike))
 
 
 def folds(held: Sequence[int], count: int) -> list[list[int]]:
