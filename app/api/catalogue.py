@@ -11,7 +11,7 @@ from fastapi.responses import FileResponse
 from app.api.schemas import AvatarEntry, Avatars, EngineEntry, VoiceEntry, Voices
 from app.api.service import LoadedService
 from app.api.threads import in_thread
-from app.engine.avatar import RENDERERS
+from app.engine.avatar import renderers
 from app.engine.models.pack_models import trajectories
 from app.tts.voices import every_voice
 
@@ -34,10 +34,11 @@ async def avatars(service: LoadedService) -> Avatars:
             idle=f"/v1/avatars/{manifest.id}/idle.mp4",
             preview=f"/v1/avatars/{manifest.id}/preview.jpg",
             trajectories=list(trajectories(manifest)),
+            renderers=list(renderers(manifest)),
         )
         for manifest in await in_thread(service.shelf.usable)
     ]
-    return Avatars(default=service.settings.avatars.default, avatars=entries, renderers=list(RENDERERS))
+    return Avatars(default=service.settings.avatars.default, avatars=entries)
 
 
 @router.head("/v1/avatars/{avatar}/idle.mp4", include_in_schema=False)

@@ -322,6 +322,7 @@ class AvatarEntry(BaseModel):
     idle: str
     preview: str
     trajectories: list[str]
+    renderers: list[str]
 
 
 class Avatars(BaseModel):
@@ -329,7 +330,6 @@ class Avatars(BaseModel):
 
     default: str
     avatars: list[AvatarEntry]
-    renderers: list[str]
 
 
 class VoiceEntry(BaseModel):

@@ -25,8 +25,15 @@ RENDERERS: dict[str, Callable[[Pack], Mouth]] = {
     "reference": lambda pack: MorphMouth(pack.morphable, pack.modes, pack.background),
     "selection": load_selection,
 }
+OF_EVERY_PACK = frozenset(["fast", "reference"])
+"""Renderers that draw from the model itself; the others need a file of their own name in the pack."""
 USUAL = "fast"
 """The renderer unless the settings, the pack or the caller name another."""
+
+
+def renderers(manifest: Manifest) -> tuple[str, ...]:
+    """Names of the renderers that can draw a pack."""
+    return tuple(name for name in RENDERERS if name in OF_EVERY_PACK or name in manifest.extras)
 
 
 class Avatar:
