@@ -24,6 +24,8 @@ _structural_similarity: Any = structural_similarity  # its package has no types
 
 PEAK = 255.0
 """Of peak signal-to-noise ratios; luma as it is stored (limited range)."""
+ROUNDING = 1e-5
+"""Of a trajectory's largest value: what moves by less only looks like moving, in single precision."""
 NO_ERROR = 1e-3
 """Mean squared error below which a picture counts as equal: 78 dB."""
 
@@ -112,9 +114,11 @@ def trajectory_scores(
 
 def correlation(a: Array, b: Array) -> Array:
     """(K,) correlation over time of two (T, K) trajectories; 0 where one of them does not move."""
+    still = [each.std(0) <= ROUNDING * np.abs(each).max(0, initial=0) for each in (a, b)]
     a, b = a - a.mean(0), b - b.mean(0)
     product = np.sqrt((a**2).sum(0) * (b**2).sum(0))
-    return cast(Array, np.where(product > 1e-12, (a * b).sum(0) / np.maximum(product, 1e-12), 0.0))
+    moving = ~(still[0] | still[1]) & (product > 1e-12)
+    return cast(Array, np.where(moving, (a * b).sum(0) / np.maximum(product, 1e-12), 0.0))
 
 
 def psnr(shown: NDArray[Any], wanted: NDArray[Any], window: Window) -> Array:

@@ -167,3 +167,12 @@ def test_a_mouth_that_stays_shut_has_no_lag() -> None:
 
 def test_sentences_shorter_than_the_lags_have_no_opening_scores() -> None:
     assert opening_scores([np.arange(2.0 * MOST_LAG)], [np.arange(2.0 * MOST_LAG)]) is None
+
+
+def test_what_only_moves_by_rounding_does_not_move() -> None:
+    random = np.random.default_rng(0)
+    moving = random.standard_normal((50, 2))
+    still = np.full((50, 2), 7.0) + 1e-5 * random.standard_normal((50, 2))
+    assert not correlation(still, moving).any()
+    assert not correlation(moving, still).any()
+    assert (np.abs(correlation(still + 0.01 * moving, moving)) > 0.9).all()
