@@ -6,7 +6,6 @@ an ensemble become one graph, side by side in grouped convolutions, so that one 
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Sequence
 from typing import Any
 
@@ -15,6 +14,7 @@ import onnxruntime
 from numpy.typing import NDArray
 
 from app.engine.models.network_layers import CONVOLUTIONS, WIDTH, Weights
+from app.onnx_fields import field, fields, integer
 
 Float = NDArray[np.float32]
 
@@ -33,7 +33,6 @@ _ATTRIBUTE_NAME, _ATTRIBUTE_INT, _ATTRIBUTE_INTS, _ATTRIBUTE_TYPE = 1, 3, 8, 20
 _TENSOR_SHAPE, _TENSOR_TYPE, _TENSOR_NAME, _TENSOR_RAW, _TENSOR_EXTERNAL = 1, 2, 8, 9, 13
 _INT, _INTS = 2, 7  # attribute types
 _FLOAT32, _INT64 = 1, 7  # tensor types
-_VARINT, _BYTES = 0, 2  # wire types
 
 
 def to_onnx(networks: Sequence[Weights]) -> bytes:
@@ -53,14 +52,14 @@ def to_onnx(networks: Sequence[Weights]) -> bytes:
             f"w{layer}": np.concatenate(kernels),
             f"b{layer}": np.concatenate([each[f"b{layer}"] for each in networks]),
         }
-    graph = b"".join(_field(_GRAPH_NODE, node) for node in _nodes(count))
-    graph += _field(_GRAPH_NAME, b"network")
-    graph += b"".join(_field(_GRAPH_WEIGHTS, _tensor(name, array)) for name, array in weights.items())
-    graph += _field(_GRAPH_INPUT, _value(INPUT, features)) + _field(_GRAPH_OUTPUT, _value(OUTPUT, out))
-    opset = _number(2, OPSET)
+    graph = b"".join(field(_GRAPH_NODE, node) for node in _nodes(count))
+    graph += field(_GRAPH_NAME, b"network")
+    graph += b"".join(field(_GRAPH_WEIGHTS, _tensor(name, array)) for name, array in weights.items())
+    graph += field(_GRAPH_INPUT, _value(INPUT, features)) + field(_GRAPH_OUTPUT, _value(OUTPUT, out))
+    opset = integer(2, OPSET)
     return (
-        _number(_MODEL_IR, IR_VERSION) + _field(_MODEL_PRODUCER, b"mary") + _field(_MODEL_GRAPH, graph)
-        + _field(_MODEL_OPSET, opset)
+        integer(_MODEL_IR, IR_VERSION) + field(_MODEL_PRODUCER, b"mary") + field(_MODEL_GRAPH, graph)
+        + field(_MODEL_OPSET, opset)
     )  # fmt: skip
 
 
@@ -73,7 +72,7 @@ def check_onnx(model: bytes) -> None:
     if len(model) > MOST_BYTES:
         raise ValueError(f"it has {len(model)} bytes, more than {MOST_BYTES}")
     known = {_MODEL_IR, _MODEL_PRODUCER, _MODEL_GRAPH, _MODEL_OPSET}
-    for number, content in _fields(model):
+    for number, content, _ in fields(model):
         if number not in known:  # functions, for example: operators by another name
             raise ValueError(f"it holds a part {number} that is not needed")
         if number == _MODEL_GRAPH:
@@ -126,95 +125,39 @@ def _nodes(members: int) -> list[bytes]:
 def _check_graph(graph: bytes) -> None:
     known = {_GRAPH_NODE, _GRAPH_NAME, _GRAPH_WEIGHTS, _GRAPH_INPUT, _GRAPH_OUTPUT}
     nodes = []
-    for number, content in _fields(graph):
+    for number, content, _ in fields(graph):
         if number not in known:
             raise ValueError(f"its graph holds a part {number} that is not needed")
         if number == _GRAPH_NODE:
             nodes.append(content)
-        if number == _GRAPH_WEIGHTS and any(part >= _TENSOR_EXTERNAL for part, _ in _fields(content)):
+        if number == _GRAPH_WEIGHTS and any(part >= _TENSOR_EXTERNAL for part, _, _ in fields(content)):
             raise ValueError("its weights lie in another file")
     if not any(nodes == _nodes(members) for members in range(1, MOST_MEMBERS + 1)):
         raise ValueError("it computes something else than our networks")
 
 
 def _node(operator: str, inputs: Sequence[str], output: str, **attributes: int | list[int]) -> bytes:
-    node = b"".join(_field(_NODE_INPUT, name.encode()) for name in inputs)
-    node += _field(_NODE_OUTPUT, output.encode()) + _field(_NODE_OPERATOR, operator.encode())
+    node = b"".join(field(_NODE_INPUT, name.encode()) for name in inputs)
+    node += field(_NODE_OUTPUT, output.encode()) + field(_NODE_OPERATOR, operator.encode())
     for name, value in attributes.items():
-        attribute = _field(_ATTRIBUTE_NAME, name.encode())
+        attribute = field(_ATTRIBUTE_NAME, name.encode())
         if isinstance(value, int):
-            attribute += _number(_ATTRIBUTE_INT, value) + _number(_ATTRIBUTE_TYPE, _INT)
+            attribute += integer(_ATTRIBUTE_INT, value) + integer(_ATTRIBUTE_TYPE, _INT)
         else:
-            attribute += b"".join(_number(_ATTRIBUTE_INTS, each) for each in value)
-            attribute += _number(_ATTRIBUTE_TYPE, _INTS)
-        node += _field(_NODE_ATTRIBUTE, attribute)
+            attribute += b"".join(integer(_ATTRIBUTE_INTS, each) for each in value)
+            attribute += integer(_ATTRIBUTE_TYPE, _INTS)
+        node += field(_NODE_ATTRIBUTE, attribute)
     return node
 
 
 def _tensor(name: str, array: NDArray[Any]) -> bytes:
     kind = _INT64 if array.dtype == np.int64 else _FLOAT32
     raw = np.ascontiguousarray(array, "<i8" if kind == _INT64 else "<f4").tobytes()
-    shape = b"".join(_number(_TENSOR_SHAPE, size) for size in array.shape)
-    return shape + _number(_TENSOR_TYPE, kind) + _field(_TENSOR_NAME, name.encode()) + _field(_TENSOR_RAW, raw)
+    shape = b"".join(integer(_TENSOR_SHAPE, size) for size in array.shape)
+    return shape + integer(_TENSOR_TYPE, kind) + field(_TENSOR_NAME, name.encode()) + field(_TENSOR_RAW, raw)
 
 
 def _value(name: str, columns: int) -> bytes:
     """A table of some rows: ValueInfo of a type of a tensor of float32 and a shape of one name and one number."""
-    shape = _field(1, _field(2, b"frames")) + _field(1, _number(1, columns))
-    return _field(1, name.encode()) + _field(2, _field(1, _number(1, _FLOAT32) + _field(2, shape)))
-
-
-def _field(number: int, content: bytes) -> bytes:
-    return _varint(number << 3 | _BYTES) + _varint(len(content)) + content
-
-
-def _number(number: int, value: int) -> bytes:
-    return _varint(number << 3 | _VARINT) + _varint(value)
-
-
-def _varint(value: int) -> bytes:
-    out = bytearray()
-    while value > 127:
-        out.append(value & 127 | 128)
-        value >>= 7
-    out.append(value)
-    return bytes(out)
-
-
-def _fields(message: bytes) -> list[tuple[int, bytes]]:
-    """Field number and content (empty unless the field is bytes) of each field of a message.
-
-    Raises:
-        ValueError: it is none.
-    """
-    found: list[tuple[int, bytes]] = []
-    at = 0
-    while at < len(message):
-        key, at = _read_varint(message, at)
-        content = b""
-        if key & 7 == _VARINT:
-            _, at = _read_varint(message, at)
-        elif key & 7 == _BYTES:
-            size, at = _read_varint(message, at)
-            content = message[at : at + size]
-            at += size
-        elif key & 7 in (1, 5):
-            at += struct.calcsize("d" if key & 7 == 1 else "f")
-        else:
-            raise ValueError(f"it is no ONNX model: wire type {key & 7} at byte {at}")
-        if at > len(message):
-            raise ValueError("it is no ONNX model: a field is cut short")
-        found.append((key >> 3, content))
-    return found
-
-
-def _read_varint(message: bytes, at: int) -> tuple[int, int]:
-    value = shift = 0
-    while at < len(message) and shift < 70:
-        byte = message[at]
-        at += 1
-        value |= (byte & 127) << shift
-        shift += 7
-        if byte < 128:
-            return value, at
-    raise ValueError("it is no ONNX model: a number is cut short")
+    shape = field(1, field(2, b"frames")) + field(1, integer(1, columns))
+    return field(1, name.encode()) + field(2, field(1, integer(1, _FLOAT32) + field(2, shape)))
