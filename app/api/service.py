@@ -197,10 +197,13 @@ class Service:
             )
         return planned
 
-    def _narrator(self, text: str, reading: Reading) -> Script:
-        planned = self.plan(text, reading)
+    def script(self, planned: Plan, reading: Reading) -> Script:
+        """The speech of what is planned, made when it is asked for; voice and speed are those of `reading`."""
         speeches = narrate(self.engine, planned, voice=reading.voice, speed=reading.speed)
         return Script(speeches, planned.unread, planned.guessed)
+
+    def _narrator(self, text: str, reading: Reading) -> Script:
+        return self.script(self.plan(text, reading), reading)
 
     async def _load(self) -> None:
         settings = self.settings

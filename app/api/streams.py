@@ -42,8 +42,7 @@ async def create(
     order = order or StreamRequest()
     if order.text is not None:  # what will be refused must be so before there is a stream
         service.check_length(order.text)
-        reading = _reading(order, "")
-        service.plan(order.text, reading)
+        planned = service.plan(order.text, _reading(order, ""))
     avatar = await service.avatar(order.avatar, trajectory=order.trajectory, renderer=order.renderer)
     voice = service.voice(order.voice, avatar)
     pushes, rtmp = targets(order, service.settings.push)
@@ -56,7 +55,8 @@ async def create(
     )
     utterance = None
     if order.text is not None:
-        utterance = stream.say(order.text, reading=reading, phase=_phase(order.phase))
+        script = service.script(planned, _reading(order, voice.id))
+        utterance = stream.speak(script, len(order.text), phase=_phase(order.phase))
     here = f"/v1/streams/{stream.id}"
     response.headers.update({"Location": here, "Cache-Control": "no-store"})
     manifest = avatar.manifest
