@@ -112,7 +112,7 @@ def segments(phones: Sequence[Phone]) -> list[Segment]:
     after it (coarticulation, as far as one neighbour reaches). Silence is split by its distance to speech.
     """
     result: list[Segment] = []
-    phones = _silences_joined(phones)
+    phones = silences_joined(phones)
     for index, phone in enumerate(phones):
         before = phones[index - 1].symbol if index else SILENCE
         after = phones[index + 1].symbol if index + 1 < len(phones) else SILENCE
@@ -129,7 +129,7 @@ def _beside(symbol: str) -> str:
     return NEIGHBOUR + VISEMES[viseme(symbol)][0]
 
 
-def _silences_joined(phones: Sequence[Phone]) -> list[Phone]:
+def silences_joined(phones: Sequence[Phone]) -> list[Phone]:
     """Silences that follow each other are one: what matters is how far speech is."""
     joined: list[Phone] = []
     for phone in phones:

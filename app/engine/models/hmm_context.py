@@ -69,17 +69,6 @@ def questions() -> Questions:
     )  # fmt: skip
 
 
-def silences_joined(phones: Sequence[Phone]) -> list[Phone]:
-    """Silences that follow each other are one."""
-    joined: list[Phone] = []
-    for phone in phones:
-        if joined and joined[-1].symbol == phone.symbol == SILENCE:
-            joined[-1] = Phone(SILENCE, joined[-1].start, phone.end)
-        else:
-            joined.append(phone)
-    return joined
-
-
 def contexts(phones: Sequence[Phone], trained: Collection[str]) -> Labels:
     """Contexts (N, 3) of phones; those that were not trained are taken for what looks like them most.
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.engine.metrics import trajectory_scores
-from app.engine.models.hmm_context import THIS, Labels, contexts, silences_joined
+from app.engine.models.hmm_context import THIS, Labels, contexts
 from app.engine.models.hmm_recognition import phone_grammar
 from app.engine.models.hmm_rows import ROWS, heard_rows, rows_of, seen_rows
 from app.engine.models.hmm_states import (
@@ -32,6 +32,7 @@ from app.engine.models.hmm_trajectory import Hearing, HmmTrajectory
 from app.engine.models.hmm_tree import Tree
 from app.engine.models.mfcc import FILTERS
 from app.engine.models.model import Spoken
+from app.engine.states import silences_joined
 from app.speech import PHONES, SILENCE, Phone
 
 Float = NDArray[np.float32]

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from app.engine.models.hmm_context import QUIET, Labels, contexts, questions, silences_joined
+from app.engine.models.hmm_context import QUIET, Labels, contexts, questions
 from app.engine.models.hmm_generation import generate
 from app.engine.models.hmm_recognition import Loop, row_likelihoods
 from app.engine.models.hmm_rows import ROWS, heard_rows, rows_of
@@ -19,6 +19,7 @@ from app.engine.models.hmm_stream import Stream, stored_stream
 from app.engine.models.mfcc import FILTERS, FLOOR
 from app.engine.models.model import Input
 from app.engine.models.sound import Sound
+from app.engine.states import silences_joined
 from app.speech import PHONES, SILENCE, Phone
 
 Float = NDArray[np.float32]

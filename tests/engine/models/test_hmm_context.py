@@ -2,8 +2,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from app.engine.models.hmm_context import CLASSES, COLUMNS, contexts, questions, silences_joined
-from app.engine.states import VISEMES
+from app.engine.models.hmm_context import CLASSES, COLUMNS, contexts, questions
+from app.engine.states import VISEMES, silences_joined
 from app.speech import PHONES, SILENCE, Phone
 
 
