@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 from app.align.sound_file import FASTEST, SLOWEST, read_sound
 from app.answer import Answer, complaint_of
 from app.errors import InputError, SpeechFailed
+from app.tts.timed import QUIETEST
 
 PCM_RATE = 24_000  # samples a second of headerless sound, as OpenAI sends it
 LONGEST = 300.0  # seconds: nobody takes longer over a sentence
 MOST_BYTES = 64_000_000  # of one sentence; a WAV header that promises more does not know the length
-QUIETEST = 1e-4  # peak: -80 dB, three steps of 16 bits; encoders make that of silence
 _RATE = re.compile(r"\brate=(\d{1,6})\b")
 
 
